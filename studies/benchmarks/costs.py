@@ -28,7 +28,6 @@ from studies import common
 from studies.benchmarks import roofline
 from studies.manual import performance
 from vibgym import Part, Simulator, Surface, files
-from vibgym.envs.core import Core
 from vibgym.simulation.threads import available_threads
 
 ROUNDS, WARM, ACTIONS = 60, 20, 8  # of the stages
@@ -122,14 +121,14 @@ class StageClock:
         self.switch("rest")
         self.spent, self.readings = {}, 0
 
-    def timed(self, run: Callable[..., None]) -> Callable[..., None]:
-        """Wrap a stage, named after its method."""
-        stage = run.__name__.strip("_")
+    def timed(self, stage: Callable[..., Any], name: str = "") -> Callable[..., Any]:
+        """Wrap a stage; without a name, that of its method."""
+        name = name or getattr(stage, "func", stage).__name__
 
-        def within(*arguments: Any) -> None:
-            before = self.switch(stage)
+        def within(*arguments: Any) -> Any:
+            before = self.switch(name)
             try:
-                run(*arguments)
+                return stage(*arguments)
             finally:
                 self.switch(before)
 
@@ -138,12 +137,16 @@ class StageClock:
 
 def instrumented(clock: StageClock, name: str, worlds: int, **settings: Any) -> Any:
     """Return a vector environment whose stages are timed."""
-    listed = Core._list_stages
-    Core._list_stages = lambda core: tuple(each._replace(run=clock.timed(each.run)) for each in listed(core))
-    try:
-        return gym.make_vec(name, num_envs=worlds, **settings)
-    finally:
-        Core._list_stages = listed
+    env: Any = gym.make_vec(name, num_envs=worlds, **settings)
+    pipeline = env.unwrapped.core.pipeline
+    pipeline.before = [clock.timed(stage) for stage in pipeline.before]
+    pipeline.after = [clock.timed(stage) for stage in pipeline.after]
+    pipeline.advance = clock.timed(pipeline.advance)
+    pipeline.by_block = [
+        [clock.timed(stage, "score" if stage in scoring else "") for stage in stages]
+        for stages, scoring in zip(pipeline.by_block, pipeline.score, strict=True)
+    ]
+    return env
 
 
 def shares(name: str, worlds: int, steps: int, **settings: Any) -> dict[str, Any]:
@@ -178,10 +181,14 @@ def curve(name: str, quick: bool) -> list[tuple[float, float]]:
     return list(CURVES[name](quick))
 
 
+def limit_threads(threads: int) -> None:
+    """Set the number of threads of this process."""
+    os.environ["VIBGYM_THREADS"] = str(threads)
+
+
 def in_a_process(threads: int, function: Callable[..., Any], *arguments: Any, **more: Any) -> Any:
-    """Return the result of a function, called in a new process."""
-    variable = ("VIBGYM_THREADS", str(threads))
-    with ProcessPoolExecutor(1, get_context("spawn"), os.environ.__setitem__, variable) as pool:
+    """Return the result of a function, called in a new process with this number of threads."""
+    with ProcessPoolExecutor(1, get_context("spawn"), limit_threads, (threads,)) as pool:
         return pool.submit(function, *arguments, **more).result()
 
 

@@ -8,10 +8,10 @@ fault (:mod:`studies.benchmarks.drawing_faults`).
 from __future__ import annotations
 
 import tempfile
-from collections import Counter, defaultdict
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from studies import common
 from studies.benchmarks.drawing_cases import KINDS, Case, Truth, case, write
@@ -51,28 +51,24 @@ def main() -> None:
     parser.add_argument("--drawings", type=int, default=200, help="valid ones; a third of each kind of file")
     parser.add_argument("--seed", type=int, default=0, help="of the first one")
     asked = parser.parse_args()
-    worst: dict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
-    count, named, wrong = Counter[str](), Counter[str](), Counter[str]()
+    results = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for k in range(asked.drawings):
             kind = KINDS[k % len(KINDS)]
             of, path = case(asked.seed + k, kind), folder / f"{k}.{kind}"
             true = write(of, path, k)
-            for what, value in deviations(of, path, true).items():
-                worst[kind][what] = max(worst[kind][what], value)
-            count[kind] += 1
             fault = FAULTS[kind][k // len(KINDS) % len(FAULTS[kind])]
             made = spoiled(of, fault, k)
             error = refusal(made.content, kind, folder)
-            good = error is not None and any(each in error for each in made.expected)
-            (named if good else wrong)[kind] += 1
-            if not good:
+            named = error is not None and any(text in error for text in made.expected)
+            results.append({"kind": kind, **deviations(of, path, true), "named": named})
+            if not named:
                 print(k, kind, fault, error, made.expected)
     rows = [
-        [kind.upper(), str(count[kind]), *(f"{100 * worst[kind][what]:.4f} %" for what in ("area", "centre", "inertia")),
-         f"{named[kind]} of {named[kind] + wrong[kind]}"]
-        for kind in KINDS
+        [kind.upper(), str(len(some)), *(f"{100 * some[what].max():.4f} %" for what in ("area", "centre", "inertia")),
+         f"{some['named'].sum()} of {len(some)}"]
+        for kind, some in pd.DataFrame(results).groupby("kind", sort=False)
     ]  # fmt: skip
     show("drawings", ("file", "drawings", "area", "centre", "inertia", "faults named"), rows, asked.keep)
 
