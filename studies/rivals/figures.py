@@ -136,7 +136,7 @@ def store(path: Path, lines: Sequence[Mapping[str, Any]]) -> Path:
     if "task" in table and path.exists():
         before = pd.read_csv(path, dtype=str)
         table = pd.concat([before[~before["task"].isin(table["task"])], table])
-        table = table.sort_values("task", key=lambda tasks: tasks.map(list(EPISODES).index), kind="stable")
+        table = table.iloc[np.argsort([list(EPISODES).index(task) for task in table["task"]], kind="stable")]
     output_directory(path.parent)
     write_atomically(path, table.to_csv(index=False))
     return path
