@@ -12,7 +12,7 @@ from studies.benchmarks import costs, operations
 
 RUN = """
 import json
-from studies.benchmarks import costs, operations
+from studies.benchmarks import operations
 
 found, pose = operations.count()
 print(json.dumps([found, pose.tolist()]))
