@@ -154,7 +154,7 @@ def read_schedule(path: Path) -> tuple[Schedule, dict[str, Any]]:
     """
     content = load_yaml(path)
     with checks.within(path):
-        return Schedule(*(content.get(name) for name in ("fields", "seconds", "goal", "friction"))), content
+        return Schedule(*map(content.get, ("fields", "seconds", "goal", "friction"))), content  # type: ignore[arg-type]
 
 
 def load_schedule(path: Path, info: TaskInfo) -> SchedulePolicy:
