@@ -17,7 +17,6 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -27,7 +26,8 @@ from agents.provenance import provenance
 from studies import common
 from studies.benchmarks import roofline
 from studies.manual import performance
-from vibgym import Part, Simulator, Surface, files
+from vibgym import Part, Simulator, Surface
+from vibgym.files import write_atomically
 from vibgym.simulation.threads import available_threads
 
 ROUNDS, WARM, ACTIONS = 60, 20, 8  # of the stages
@@ -189,7 +189,6 @@ def in_a_process(threads: int, function: Callable[..., Any], *arguments: Any, **
 def main() -> None:
     """Measure, print and store the figures."""
     parser = common.parser(__doc__)
-    parser.add_argument("--output", type=Path, default=Path("runs/costs"))
     parser.add_argument("--quick", action="store_true", help="a few sizes, to test the command")
     asked = parser.parse_args()
     quick, scenes = asked.quick, SCENES[:1] if asked.quick else SCENES
@@ -203,9 +202,8 @@ def main() -> None:
     figures = json.dumps(found, indent=1) + "\n"
     for text in performance.tables(json.loads(figures)).values():
         print(text, end="\n\n")
-    path = performance.STORED if asked.keep else files.output_directory(asked.output) / "costs.json"
-    files.write_atomically(path, figures)
-    print(path)
+    if asked.keep:
+        write_atomically(performance.STORED, figures)
 
 
 if __name__ == "__main__":
