@@ -213,7 +213,7 @@ benchmark: $(DEV) $(PEERS)
 	$(PY) -m studies.benchmarks.camera
 	$(PY) -m studies.benchmarks.training
 	$(PY) -m studies.benchmarks.costs
-	$(PY) -m studies.benchmarks.steps
+	$(PY) -m studies.benchmarks.steps action-cost hardware-cost contacts-cost shapes-cost
 
 # Takes hours: three seeds of every agent, then their table and the best of each. AGENTS="Align/ideal" trains some of them.
 define train

@@ -1,4 +1,4 @@
-"""Time of a step by action, hardware model, contacts and shape: ``python -m studies.benchmarks.steps [TABLE ...]``.
+"""Time of a step by action, hardware model, contacts and shape: ``python -m studies.benchmarks.steps TABLE ...``.
 
 Batches under uniform random actions are measured in turn. Output: ratios to the first line, medians over the rounds, and time
 per world and step; all tables but ``hardware-cost`` have processor times of one thread. Random wrenches spin parts fast, so
@@ -110,7 +110,7 @@ def column(table: Table, task: str, worlds: int, scene: Settings, rounds: int, w
 def main() -> None:
     """Measure every scene of the tables."""
     parser = common.parser(__doc__)
-    parser.add_argument("tables", nargs="*", default=list(TABLES), metavar="TABLE", help=", ".join(TABLES))
+    parser.add_argument("tables", nargs="+", choices=list(TABLES), metavar="TABLE", help=", ".join(TABLES))
     parser.add_argument("--rounds", type=int, default=13)
     parser.add_argument("--warm", type=int, default=2, help="rounds without measurement before them")
     asked = parser.parse_args()

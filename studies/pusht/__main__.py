@@ -279,21 +279,15 @@ def main() -> None:
     )
     parser.add_argument("--picture", type=Path, default=Path("docs/pusht.png"), metavar="PNG")
     asked = parser.parse_args()
-    try:
-        for name in asked.studies:
-            checks.choice("STUDY", name, STUDIES)
-        checks.count("--episodes", asked.episodes)
-        if not asked.python.exists():
-            raise checks.conflict(f"--python {asked.python} is missing: gym-pusht requires make peers")
-    except ValueError as error:
-        parser.error(str(error))
     run = {
         "throughput": partial(throughput, asked.python, asked.keep),
         "difference": partial(difference, asked.python, asked.keep),
-        "play": partial(episodes, asked.python, asked.keep, asked.episodes),
+        "play": partial(episodes, asked.python, asked.keep, checks.count("--episodes", asked.episodes)),
         "picture": partial(picture, asked.python, asked.picture),
     }
-    for name in asked.studies or STUDIES:
+    if not asked.python.exists():
+        parser.error(f"--python {asked.python} is missing: gym-pusht requires make peers")
+    for name in [checks.choice("STUDY", name, STUDIES) for name in asked.studies] or STUDIES:
         run[name]()
 
 
