@@ -207,16 +207,13 @@ $(VENV)-cleanrl/.installed: $(VENV)/pyvenv.cfg | $(DEV)
 
 benchmark: $(DEV) $(PEERS)
 	$(PY) -m studies.benchmarks.accuracy
-	$(PY) -m studies.benchmarks.kernel
+	$(PY) -m studies.benchmarks.versions plain ace0233 --measures steps kernel
 	$(PY) -m studies.benchmarks.peers
 	$(PY) -m studies.benchmarks.contacts
-	$(PY) -m studies.benchmarks.crowds
-	$(PY) -m studies.benchmarks.pile
 	$(PY) -m studies.benchmarks.camera
-	$(PY) -m studies.benchmarks.control
 	$(PY) -m studies.benchmarks.training
 	$(PY) -m studies.benchmarks.costs
-	$(PY) -m studies.benchmarks.actions
+	$(PY) -m studies.benchmarks.steps action-cost hardware-cost contacts-cost shapes-cost
 
 # Takes hours: three seeds of every agent, then their table and the best of each. AGENTS="Align/ideal" trains some of them.
 define train

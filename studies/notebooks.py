@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from agents import command_line
-from agents.command_line import Command
 from studies import project
 from vibgym import checks, files
 
@@ -124,12 +123,6 @@ def update(name: str, folder: Path = FOLDER, execute: bool = True) -> int:
     return size
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    parser.add_argument("names", nargs="*", metavar="NAME", help="notebooks to execute (default: all)")
-    parser.add_argument("--links", action="store_true", help="write the links to Colab; execute nothing")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Execute notebooks and store them; return the exit code."""
     from nbclient.exceptions import CellExecutionError
@@ -149,13 +142,16 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-COMMAND = Command(add_arguments, run, "directory of the notebooks (default: notebooks)")
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    description = "Execute the notebooks and store them with their outputs."
-    return command_line.run("python -m studies.notebooks", description, COMMAND, argv, extra="notebooks")
+    program = "python -m studies.notebooks"
+    parser = argparse.ArgumentParser(program, description="Execute the notebooks and store them with their outputs.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="notebooks to execute (default: all)")
+    parser.add_argument("--links", action="store_true", help="write the links to Colab; execute nothing")
+    parser.add_argument("--output", type=Path, metavar="DIR", help="directory of the notebooks (default: notebooks)")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+    arguments = parser.parse_args(argv)
+    return command_line.guarded(program, lambda: run(arguments), extra="notebooks")
 
 
 if __name__ == "__main__":

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import time
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 
-from studies.benchmarks import common, point_sampling
+from studies import common
+from studies.accuracy import point_sampling
 from studies.kept import show
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import shipped_part
@@ -123,21 +123,14 @@ def reference_error(surface: Surface, keep: bool) -> None:
         position, heading, fell = compare(converged, finer)
         label = f"{FINER['steps']} cuts, {FINER['pieces'] ** 2} cells an element, {PERIODS} periods"
         lines.append([label, f"{spin:g}", *spread(position), *spread(heading), str(WORLDS - fell)])
-    few, periods, steps = 4, 10, 128
-    points = point_sampling.strew(part.outline, 200)
-    label = f"{len(points[0])} points, {steps} Runge-Kutta steps, {periods} periods"
+    few, periods, points, steps = 4, 10, 200, 128
+    label = f"{points} x {points} points, {steps} Runge-Kutta steps, {periods} periods"
     for spin in (0.0, 5.0):
-        pose, velocity, amplitude, phase = (values[:few] for values in random_scene(surface, 1, spin))
-
-        def sample(k: int, scene: tuple[np.ndarray, ...] = (pose, velocity, amplitude, phase)) -> np.ndarray:
-            return point_sampling.simulate(
-                points, gyration=part.gyration, friction=part.friction, pose=scene[0][k, 0], velocity=scene[1][k, 0],
-                amplitude=scene[2][k], phase=scene[3][k], periods=periods, steps=steps,
-            )[-1, :3]  # fmt: skip
-
-        with ThreadPoolExecutor() as pool:
-            sampled = np.array(list(pool.map(sample, range(few))))
-        converged = run(surface, part, (pose, velocity, amplitude, phase), periods, **CONVERGED)
+        pose, velocity, amplitude, phase = scene = tuple(values[:few] for values in random_scene(surface, 1, spin))
+        sampled, _ = point_sampling.simulate(
+            surface, part, pose[:, 0], velocity[:, 0], amplitude, phase, periods, points=points, steps=steps
+        )
+        converged = run(surface, part, scene, periods, **CONVERGED)
         position, heading = errors(converged.pose[:, 0], sampled)
         lines.append([label, f"{spin:g}", *spread(position), *spread(heading), str(few)])
     heads = ("converged run against", "spin at the start (rad/s)", *SPREADS, "worlds")

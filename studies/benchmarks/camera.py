@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.benchmarks import common
+from studies import common
 from studies.kept import show
 from studies.thesis.centroid_error import centre_errors, chain_errors
 from vibgym import Part, Surface

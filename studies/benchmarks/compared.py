@@ -7,13 +7,14 @@ latter to the best classical policy on the same seeds.
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
 from agents.evaluation.table import quantity, signed
-from studies.benchmarks import common
+from studies import common
 from studies.kept import show
 
 HEADS = (
@@ -22,34 +23,17 @@ HEADS = (
 )  # fmt: skip
 
 
-def value(number: float | None) -> float:
-    """Return a number, NaN for None."""
-    return math.nan if number is None else number
-
-
-def difference(found: Mapping[str, Any] | None) -> str:
-    """Format the difference of the interquartile means, with its interval."""
-    if found is None or found["iqm"]["value"] is None or found["iqm"]["interval"] is None:
-        return "–"
-    low, high = (signed(found["iqm"]["interval"][end], 3) for end in ("low", "high"))
-    return f"{signed(found['iqm']['value'], 3)} s [{low}, {high}]"
-
-
-def line(row: Mapping[str, Any], apart: Mapping[str, Any] | None) -> list[str]:
-    """Return the row of a policy on a task and hardware model."""
-    time = quantity(value(row["time_iqm_s"]), 1.0, 3, "s")
-    if row["time_iqm_low_s"] is not None:
-        time += f" [{row['time_iqm_low_s']:.3f}, {row['time_iqm_high_s']:.3f}]"
-    return [
-        row["task"],
-        row["hardware"],
-        row["policy"],
-        quantity(row["success_rate"], 100.0, 1, "%"),
-        f"{row['runs']} x {row['episodes']}" if row["runs"] > 1 else str(row["episodes"]),
-        time,
-        difference(apart),
-        quantity(value(row["collisions_mean"]), 1.0, 2, ""),
-    ]
+def line(row: Any, gap: Any) -> list[str]:
+    """Return the row of a policy on a task and hardware model; ``gap``: its paired difference of interquartile means."""
+    time, difference = quantity(row.time_iqm_s, 1.0, 3, "s"), "–"
+    if np.isfinite(row.time_iqm_low_s):
+        time += f" [{row.time_iqm_low_s:.3f}, {row.time_iqm_high_s:.3f}]"
+    if gap is not None and gap["value"] is not None and gap["interval"] is not None:
+        low, high = (signed(gap["interval"][end], 3) for end in ("low", "high"))
+        difference = f"{signed(gap['value'], 3)} s [{low}, {high}]"
+    episodes = f"{row.runs} x {row.episodes}" if row.runs > 1 else str(row.episodes)
+    success, collisions = quantity(row.success_rate, 100.0, 1, "%"), quantity(row.collisions_mean, 1.0, 2, "")
+    return [row.task, row.hardware, row.policy, success, episodes, time, difference, collisions]
 
 
 def main() -> None:
@@ -60,9 +44,12 @@ def main() -> None:
     )
     asked = parser.parse_args()
     found = json.loads((asked.run / "compare.json").read_text(encoding="utf-8"))
-    apart = {(each["task"], each["hardware"], each["first"]): each for each in found["differences"]}
-    rows = [row for row in found["results"] if row["training_seed"] is None and "ladder" not in row["policy"]]
-    lines = [line(row, apart.get((row["task"], row["hardware"], row["policy"]))) for row in rows]
+    gaps = {(gap["task"], gap["hardware"], gap["first"]): gap["iqm"] for gap in found["differences"]}
+    rows = pd.DataFrame(found["results"])
+    rows = rows[rows["training_seed"].isna() & ~rows["policy"].str.contains("ladder")]
+    numbers = ["time_iqm_s", "time_iqm_low_s", "time_iqm_high_s", "collisions_mean"]
+    rows = rows.astype(dict.fromkeys(numbers, float))
+    lines = [line(row, gaps.get((row.task, row.hardware, row.policy))) for row in rows.itertuples()]
     show("compared", HEADS, lines, asked.keep, {**found, "command": "make compare"})
 
 

@@ -1,14 +1,23 @@
-"""Contacts compared with closed forms and with smaller steps: ``python -m studies.benchmarks.contacts``.
+"""Contacts compared with closed forms and with smaller steps: ``python -m studies.benchmarks.contacts [--only TABLE ...]``.
+
+``contacts``: closed forms and limits.
 
 1. Oblique impacts of two discs without friction on a table at rest: velocity and position, closed form.
 2. Newton's cradle in the plane.
 3. A part pressed against a wall by one of up to 2000 times its mass: largest overlap.
 4. Two blocks that meet head-on at up to 10 m/s: largest overlap, energy, and whether they pass through each other.
-5. Two blocks driven together on the prototype for 12 periods, in 64 worlds: distance from a run with 640 steps per period,
-   and the observed order from each number of steps to the next.
-6. Heaps of 12 blocks driven together on the prototype, by distance at the start: cost, overlap, energy, and deviation
-   after a second from certified contacts with 160 steps per period, which certified contacts with fewer steps have as well.
-7. Success of controllers and shipped agents, and the cost of a step, by kind of contacts.
+
+``contacts-steps``: two blocks driven together on the prototype for 12 periods, in 64 worlds: distance from a run with 640 steps
+per period, and the observed order from each number of steps to the next.
+
+``contacts-heaps``: heaps of 12 blocks driven together on the prototype, by distance at the start: cost, overlap, energy, and
+deviation after a second from certified contacts with 160 steps per period, which certified contacts with fewer steps have as
+well.
+
+``apart``: time per part and period of worlds with six separate parts, relative to worlds with one part.
+
+``pile``: 30 parts of four kinds with walls and full amplitude towards a corner for a long time, to detect growing overlap,
+parts that never come to rest, and memory leaks.
 """
 
 from __future__ import annotations
@@ -21,19 +30,15 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.statistics import success_interval
-from studies.benchmarks import common
-from studies.benchmarks.pile import largest_overlap
+from studies import common
 from studies.kept import show
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import radial, uniform
-from vibgym.policies import rollout
+from vibgym.physics.contacts.hulls import place_hulls, wall_gap
 from vibgym.scene.hulls import WALLS, gaps_between
 from vibgym.scene.parts import shipped_part
-from vibgym.seeds import RANGES
 from vibgym.simulation.contacts import base
 
 RADIUS, SPEED, WORLDS = 0.02, 0.6, 64
@@ -85,6 +90,17 @@ def driven_together(steps: int, **knobs: Any) -> tuple[np.ndarray, float]:
     began = time.perf_counter()
     simulator.advance(*drive, periods=12)
     return simulator.pose[..., :2], 1e6 * (time.perf_counter() - began) / (12 * WORLDS)
+
+
+def largest_overlap(simulator: Simulator) -> float:
+    """Return the largest overlap of the parts of a world with one another or with walls, m."""
+    pose, surface, hulls = simulator.pose, simulator.surface, simulator.hulls
+    deepest, placed = float(-gaps_between(simulator.parts, pose).min()), np.empty_like(hulls.corner)
+    for k, (x, y, heading) in enumerate(pose[0]):
+        place_hulls(hulls, k, x, y, heading, placed)
+        for name in simulator.walls:
+            deepest = max(deepest, -float(wall_gap(hulls, placed, k, WALLS.index(name), surface.width, surface.depth)))
+    return deepest
 
 
 def heavy_on_light(ratio: float, **knobs: Any) -> float:
@@ -257,57 +273,88 @@ def heaps(keep: bool) -> None:
     show("contacts-heaps", heads, lines, keep)
 
 
-TASKS = {
-    "Sort": ("pose", "planner", "learned"),
-    "SortCrowded": ("pose", "planner", "learned"),
-    "Swap": ("lanes", "learned"),
+def apart(keep: bool) -> None:
+    """Compare worlds with six separate parts with worlds that have one of them."""
+    surface, part, worlds, generator = Surface(), shipped_part("aluminium_block"), 256, np.random.default_rng(0)
+    shape = (worlds, surface.rows, surface.columns)
+    drives = [
+        (generator.uniform(0.0, surface.lift_off_amplitude, shape), generator.uniform(-np.pi, np.pi, shape))
+        for _ in range(4)
+    ]
+    pose = np.zeros((worlds, 6, 3))
+    pose[:, :, 0] = np.linspace(0.07, surface.width - 0.07, 6)
+    pose[:, :, 1] = 0.104
+    pose += generator.uniform(-0.01, 0.01, pose.shape)
+    six = Simulator(surface, [part] * 6, worlds=worlds, threads=1)
+    one = Simulator(surface, part, worlds=worlds, threads=1)
+
+    def run(simulator: Simulator, start: np.ndarray) -> None:
+        simulator.reset(start)
+        for drive in drives:
+            simulator.advance(*drive)
+
+    calls = {"six": partial(run, six, pose), **{f"one, {k}": partial(run, one, pose[:, k : k + 1]) for k in range(6)}}
+    took = common.interleaved(calls, 7, 1, time.thread_time)
+    alone = sum(times for name, times in took.items() if name != "six")
+    us = [f"{1e6 * np.median(times) / (len(drives) * worlds * 6):.2f} us" for times in (took["six"], alone)]
+    heads = ("per part and period", "in worlds with one part", "speed relative to these", "target")
+    show("apart", heads, [[*us, f"{np.median(alone / took['six']):.2f}", "0.7"]], keep)
+
+
+COUNT, PERIODS = 30, 10_000
+"""Parts and periods of the pile."""
+
+
+def resident() -> float:
+    """Return the memory of this process, MB."""
+    with open("/proc/self/statm", encoding="utf-8") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def pile(keep: bool) -> None:
+    """Push parts into a corner; print overlap, speed and memory after each tenth of the time."""
+    corners = np.array([(0, 0), (50, 0), (50, 20), (20, 20), (20, 50), (0, 50)]) * 1e-3
+    kinds = [
+        shipped_part("steel_block"), shipped_part("aluminium_block"), Part.disc(0.02, friction=0.6),
+        Part.polygon(corners, friction=0.6, name="L"),
+    ]  # fmt: skip
+    k, surface = np.arange(COUNT), Surface()
+    simulator = Simulator(surface, [kinds[n % len(kinds)] for n in k], walls=WALLS, threads=1)
+    simulator.reset(np.column_stack([0.05 + (k % 10) * 0.072, 0.035 + (k // 10) * 0.068, np.zeros(COUNT)]))
+    drive = uniform(math.radians(225)).drive(surface)
+    simulator.advance(*drive, 50)  # compiles kernels; parts arrive
+    before, deepest, lines = resident(), 0.0, []
+    for tenth in range(1, 11):
+        fastest = 0.0
+        for _ in range(PERIODS // 10):
+            simulator.advance(*drive)
+            deepest = max(deepest, largest_overlap(simulator))
+            fastest = max(fastest, float(np.hypot(*simulator.mean_velocity[0, :, :2].T).max()))
+        lines.append([
+            str(tenth * PERIODS // 10), f"{1e3 * deepest:.4f} mm", f"{1e3 * fastest:.1f} mm/s",
+            f"{resident() - before:+.2f} MB", str(int(simulator.fallen.sum() + simulator.diverged.sum())),
+        ])  # fmt: skip
+    heads = ("periods", "largest overlap so far", "fastest mean velocity", "memory", "fallen or diverged")
+    show("pile", heads, lines, keep)
+
+
+TABLES = {
+    "contacts": closed_forms,
+    "contacts-steps": shorter_steps,
+    "contacts-heaps": heaps,
+    "apart": apart,
+    "pile": pile,
 }
-"""Tasks of :func:`tasks`, and policies."""
-
-SEEDS = RANGES["evaluation"][:100]
-
-
-def tasks(keep: bool) -> None:
-    """Compare the success of policies by kind of contacts."""
-    lines = []
-    for task, policies in TASKS.items():
-        for policy in policies:
-            cells = []
-            for kind in KINDS[:2]:
-                found = rollout(policy, f"vibgym/{task}-v0", seeds=SEEDS, model={"kind": "planar", **kind})
-                share = success_interval(found.success, 0.95, 1000)
-                cells.append(
-                    f"{100 * found.success.mean():.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}], "
-                    f"{np.nanmedian(found.time_to_goal):.2f} s"
-                )
-            lines.append([task, policy, *cells])
-    show("contacts-tasks", ("task", "policy", *(kind["contacts"] for kind in KINDS[:2])), lines, keep)
-
-
-def costs(keep: bool) -> None:
-    """Compare the cost of steps and of ``gym.make`` by kind of contacts."""
-    lines = []
-    for task in TASKS:
-        models = {kind["contacts"]: {"kind": "planar", **kind} for kind in KINDS}
-        name = f"vibgym/{task}-v0"
-        envs = {kind: gym.make_vec(name, num_envs=WORLDS, model=model) for kind, model in models.items()}
-        steps = common.step_costs(envs, 60, 7, 1, time.thread_time)
-        calls = {kind: partial(gym.make, name, model=model) for kind, model in models.items()}
-        made = common.interleaved(calls, 7, 1, time.thread_time)
-        start = {kind: f"{np.median(times / made['certified']):.2f} x" for kind, times in made.items()}
-        lines += [[task, kind, steps[kind], start[kind]] for kind in models]
-    show("contacts-cost", ("task", "contacts", "step", "`gym.make`"), lines, keep)
 
 
 def main() -> None:
-    """Measure everything."""
+    """Measure the tables."""
     os.environ["VIBGYM_THREADS"] = "1"
-    keep = common.parser(__doc__).parse_args().keep
-    closed_forms(keep)
-    shorter_steps(keep)
-    heaps(keep)
-    tasks(keep)
-    costs(keep)
+    parser = common.parser(__doc__)
+    parser.add_argument("--only", nargs="+", choices=list(TABLES), default=list(TABLES))
+    asked = parser.parse_args()
+    for name in asked.only:
+        TABLES[name](asked.keep and name.startswith("contacts"))
 
 
 if __name__ == "__main__":

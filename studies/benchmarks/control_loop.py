@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.benchmarks import common
+from studies import common
 from studies.kept import show
 from vibgym.hardware import ControlLoop, SocketDriver
 

@@ -10,28 +10,28 @@ the build of the documentation makes the page.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 from agents.provenance import provenance
-from studies.benchmarks import common, roofline
+from studies import common
+from studies.benchmarks import roofline
 from studies.manual import performance
-from vibgym import Part, Simulator, Surface, files
-from vibgym.envs.core import Core
+from vibgym import Part, Simulator, Surface
+from vibgym.files import write_atomically
 from vibgym.simulation.threads import available_threads
 
 ROUNDS, WARM, ACTIONS = 60, 20, 8  # of the stages
+CALLS = 15  # of each point of a curve
 
 PITCH = 0.09
 """m between parts, which therefore never touch."""
@@ -44,17 +44,10 @@ SCENES: list[dict[str, Any]] = [
 ]
 
 
-def fastest(work: Callable[[], Any], units: float, seconds: float = 0.5) -> float:
-    """Return us per unit: minimum of the calls within ``seconds``, at least three."""
-    work()
+def fastest(work: Callable[[], Any], units: float) -> float:
+    """Return us per unit, the minimum of several calls."""
     clock = time.process_time if available_threads() == 1 else time.perf_counter
-    found: list[float] = []
-    began = time.perf_counter()
-    while len(found) < 3 or time.perf_counter() - began < seconds:
-        start = clock()
-        work()
-        found.append(clock() - start)
-    return 1e6 * min(found) / units
+    return 1e6 * float(common.interleaved({"": work}, CALLS, 1, clock)[""].min()) / units
 
 
 def worlds(quick: bool) -> Iterator[tuple[float, float]]:
@@ -122,14 +115,14 @@ class StageClock:
         self.switch("rest")
         self.spent, self.readings = {}, 0
 
-    def timed(self, run: Callable[..., None]) -> Callable[..., None]:
-        """Wrap a stage, named after its method."""
-        stage = run.__name__.strip("_")
+    def timed(self, stage: Callable[..., Any], name: str = "") -> Callable[..., Any]:
+        """Wrap a stage; without a name, that of its method."""
+        name = name or getattr(stage, "func", stage).__name__
 
-        def within(*arguments: Any) -> None:
-            before = self.switch(stage)
+        def within(*arguments: Any) -> Any:
+            before = self.switch(name)
             try:
-                run(*arguments)
+                return stage(*arguments)
             finally:
                 self.switch(before)
 
@@ -138,12 +131,16 @@ class StageClock:
 
 def instrumented(clock: StageClock, name: str, worlds: int, **settings: Any) -> Any:
     """Return a vector environment whose stages are timed."""
-    listed = Core._list_stages
-    Core._list_stages = lambda core: tuple(each._replace(run=clock.timed(each.run)) for each in listed(core))
-    try:
-        return gym.make_vec(name, num_envs=worlds, **settings)
-    finally:
-        Core._list_stages = listed
+    env: Any = gym.make_vec(name, num_envs=worlds, **settings)
+    pipeline = env.unwrapped.core.pipeline
+    pipeline.before = [clock.timed(stage) for stage in pipeline.before]
+    pipeline.after = [clock.timed(stage) for stage in pipeline.after]
+    pipeline.advance = clock.timed(pipeline.advance)
+    pipeline.by_block = [
+        [clock.timed(stage, "score" if stage in scoring else "") for stage in stages]
+        for stages, scoring in zip(pipeline.by_block, pipeline.score, strict=True)
+    ]
+    return env
 
 
 def shares(name: str, worlds: int, steps: int, **settings: Any) -> dict[str, Any]:
@@ -173,51 +170,40 @@ def shares(name: str, worlds: int, steps: int, **settings: Any) -> dict[str, Any
     return {"stages": {stage: unit * spent for stage, spent in best.items()}, "clock": unit * reading * readings}
 
 
-def in_a_process(threads: int, *command: str) -> list[Any]:
-    """Run this module in another process and return the JSON values that it prints, one per line."""
-    environment = {**os.environ, "VIBGYM_THREADS": str(threads)}
-    done = subprocess.run(
-        [sys.executable, "-m", __spec__.name, *command], env=environment, text=True, stdout=subprocess.PIPE, check=True
-    )
-    return [json.loads(line) for line in done.stdout.splitlines()]
+def curve(name: str, quick: bool) -> list[tuple[float, float]]:
+    """Return the points of a curve."""
+    return list(CURVES[name](quick))
+
+
+def limit_threads(threads: int) -> None:
+    """Set the number of threads of this process."""
+    os.environ["VIBGYM_THREADS"] = str(threads)
+
+
+def in_a_process(threads: int, function: Callable[..., Any], *arguments: Any, **more: Any) -> Any:
+    """Return the result of a function, called in a new process with this number of threads."""
+    with ProcessPoolExecutor(1, get_context("spawn"), limit_threads, (threads,)) as pool:
+        return pool.submit(function, *arguments, **more).result()
 
 
 def main() -> None:
-    """Measure, print and store the figures; with ``--curve`` or ``--stages``, print JSON."""
+    """Measure, print and store the figures."""
     parser = common.parser(__doc__)
-    parser.add_argument("--output", type=Path, default=Path("runs/costs"))
     parser.add_argument("--quick", action="store_true", help="a few sizes, to test the command")
-    parser.add_argument("--curve", choices=CURVES, help=argparse.SUPPRESS)
-    parser.add_argument("--stages", action="append", default=[], help=argparse.SUPPRESS)  # arguments of shares()
-    parser.add_argument("--roofline", action="store_true", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    for scene in arguments.stages:
-        print(json.dumps(shares(**json.loads(scene))), flush=True)
-    if arguments.curve:
-        for point in CURVES[arguments.curve](arguments.quick):
-            print(json.dumps(point), flush=True)
-    if arguments.roofline:
-        print(json.dumps(roofline.measure(*([2] if arguments.quick else []))))
-    if arguments.curve or arguments.stages or arguments.roofline:
-        return
-    quick = ["--quick"] if arguments.quick else []
+    asked = parser.parse_args()
+    quick, scenes = asked.quick, SCENES[:1] if asked.quick else SCENES
     about = {"command": "python -m studies.benchmarks.costs", **provenance(), "load": os.getloadavg()[0]}
-    scenes = SCENES[:1] if arguments.quick else SCENES
-    shared = in_a_process(1, *(f"--stages={json.dumps(scene)}" for scene in scenes))
     found = {
         "about": about,
-        "roofline": in_a_process(1, "--roofline", *quick)[0],
-        "stages": [{**scene, **each} for scene, each in zip(scenes, shared, strict=True)],
-        "curves": {
-            curve: {threads: in_a_process(threads, "--curve", curve, *quick) for threads in (1, 2)} for curve in CURVES
-        },
+        "roofline": in_a_process(1, roofline.measure, 2 if quick else roofline.ROUNDS),
+        "stages": [{**scene, **in_a_process(1, shares, **scene)} for scene in scenes],
+        "curves": {name: {threads: in_a_process(threads, curve, name, quick) for threads in (1, 2)} for name in CURVES},
     }
     figures = json.dumps(found, indent=1) + "\n"
     for text in performance.tables(json.loads(figures)).values():
         print(text, end="\n\n")
-    path = performance.STORED if arguments.keep else files.output_directory(arguments.output) / "costs.json"
-    files.write_atomically(path, figures)
-    print(path)
+    if asked.keep:
+        write_atomically(performance.STORED, figures)
 
 
 if __name__ == "__main__":

@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from agents import parallel
-from agents.evaluation.statistics import quartiles, success_interval
-from agents.evaluation.table import quantity
+from agents.evaluation.statistics import success_interval
 from agents.offline import DataLearner
 from agents.recording import record
 from agents.train import Training
 from agents.training_file import load_settings
-from studies.benchmarks import common
+from studies import common
+from studies.common import LEVEL, RESAMPLES
 from studies.kept import show
 from vibgym.policies import rollout
 from vibgym.policies.rollout import Outcomes
@@ -29,7 +29,6 @@ from vibgym.seeds import RANGES
 
 CONFIG = Path("configs/agents/demonstrations.yaml")
 RECORDINGS = {"Push": Path("configs/recordings/push.yaml"), "Transport": Path("configs/recordings/images.yaml")}
-LEVEL, RESAMPLES = 0.95, 9999
 
 
 class Method(NamedTuple):
@@ -75,12 +74,9 @@ def cell(found: Sequence[Outcomes]) -> str:
     """Return success with its interval, that of each training, and the median time of successes."""
     success = np.stack([each.success for each in found]).astype(np.float64)
     spread = success_interval(success, LEVEL, RESAMPLES)
-    times = quartiles(np.concatenate([each.time_to_goal for each in found])).median
-    each = ", ".join(f"{100 * rate:.0f}" for rate in success.mean(axis=1))
-    return (
-        f"{100 * success.mean():.1f} % ({100 * spread.low:.1f} to {100 * spread.high:.1f}; {each}), "
-        f"{quantity(times, 1.0, 2, 's')}"
-    )
+    times = np.concatenate([outcomes.time_to_goal for outcomes in found])
+    rates = ", ".join(f"{100 * rate:.0f}" for rate in success.mean(axis=1))
+    return common.outcome(success, times, 1, spread, f"; {rates}")
 
 
 def main() -> None:
@@ -88,7 +84,7 @@ def main() -> None:
     parser = common.parser(__doc__)
     parser.add_argument("--tasks", nargs="+", choices=list(METHODS), default=list(METHODS))
     parser.add_argument("--methods", nargs="+", choices=list(METHODS["Push"]), default=list(METHODS["Push"]))
-    parser.add_argument("--counts", nargs="+", type=int, help="numbers of demonstrations; default: all of the method")
+    parser.add_argument("--counts", nargs="+", type=int, help="numbers of demonstrations; default: those of the method")
     parser.add_argument("--seeds", type=int, default=3, help="trainings of each")
     parser.add_argument("--steps", type=int, help="updates of a training, instead of those of the file")
     parser.add_argument("--episodes", type=int, default=200)
@@ -102,8 +98,7 @@ def main() -> None:
             (name, count)
             for name in METHODS[task]
             if name in asked.methods
-            for count in METHODS[task][name].counts
-            if asked.counts is None or count in asked.counts
+            for count in asked.counts or METHODS[task][name].counts
         ]
         calls = [
             (task, *case, seed, asked.steps, asked.episodes, asked.output)

@@ -25,7 +25,7 @@ import numba
 import numpy as np
 
 import vibgym
-from studies.benchmarks import common
+from studies import common
 from vibgym import Part, Simulator, Surface
 
 FILE = Path(__file__).with_name("digest.json")
@@ -93,13 +93,11 @@ def alone(
     periods: int = 2,
     scale: float = 1.0,
     **settings: Any,
-):
+) -> Callable[[], dict]:
     """Return a function that runs a scene with one part per world."""
 
     def run() -> dict:
-        table = surface or Surface()
-        random = np.random.default_rng(seed)
-        worlds = 24
+        table, random, worlds = surface or Surface(), np.random.default_rng(seed), 24
         pose = np.empty((worlds, 1, 3))
         pose[..., 0] = random.uniform(0.1, 0.9, (worlds, 1)) * table.width
         pose[..., 1] = random.uniform(0.1, 0.9, (worlds, 1)) * table.depth
@@ -113,15 +111,12 @@ def alone(
 
 def together(
     names: list[str], seed: int, spacing: float, surface: Surface | None = None, calls: int = 8, **settings: Any
-):
+) -> Callable[[], dict]:
     """Return a function that runs a scene with several parts per world, near the points of a grid."""
 
     def run() -> dict:
-        table = surface or Surface()
-        random = np.random.default_rng(seed)
-        worlds, n = 12, len(names)
-        across = int(np.ceil(np.sqrt(n)))
-        k = np.arange(n)
+        table, random, worlds, n = surface or Surface(), np.random.default_rng(seed), 12, len(names)
+        across, k = int(np.ceil(np.sqrt(n))), np.arange(n)
         pose = np.empty((worlds, n, 3))
         pose[..., 0] = 0.5 * table.width + (k % across - 0.5 * (across - 1)) * spacing
         pose[..., 1] = 0.5 * table.depth + (k // across - 0.5 * (across - 1)) * spacing

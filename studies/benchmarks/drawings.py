@@ -2,19 +2,18 @@
 
 Area, centre and inertia of parts imported from generated drawings are compared with their true values
 (:mod:`studies.benchmarks.drawing_cases`). Then each valid drawing is spoiled in one way, and the error must name the entity at
-fault (:mod:`studies.benchmarks.drawing_faults`). ``--files DIRECTORY`` imports all drawings of a directory instead, and lists
-what becomes of them.
+fault (:mod:`studies.benchmarks.drawing_faults`).
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections import Counter, defaultdict
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
-from studies.benchmarks import common
+from studies import common
 from studies.benchmarks.drawing_cases import KINDS, Case, Truth, case, write
 from studies.benchmarks.drawing_faults import FAULTS, spoiled
 from studies.kept import show
@@ -46,55 +45,30 @@ def refusal(content: bytes, kind: str, folder: Path) -> str | None:
     return None
 
 
-def import_all(directory: Path) -> list[list[str]]:
-    """Return file, result and details of the drawings of a directory."""
-    rows = []
-    for path in sorted(each for each in directory.rglob("*") if each.suffix.lower() in (".dxf", ".svg", ".stl")):
-        for units in (None, "mm"):
-            try:
-                part = Part.from_file(path, friction=0.5, surface=None, units=units)
-            except ValueError as error:
-                if "unknown units" in str(error) and units is None:
-                    continue
-                rows.append([path.name, "refused", str(error).removeprefix(f"{path}: ")])
-            else:
-                rows.append([path.name, "imported", f"{1e6 * part.area:.6g} mm^2, {len(part.holes)} holes"])
-            break
-    return rows
-
-
 def main() -> None:
     """Print the tables; with ``--keep`` write that of the documentation."""
     parser = common.parser(__doc__)
     parser.add_argument("--drawings", type=int, default=200, help="valid ones; a third of each kind of file")
     parser.add_argument("--seed", type=int, default=0, help="of the first one")
-    parser.add_argument("--files", type=Path, metavar="DIRECTORY", help="import these instead")
     asked = parser.parse_args()
-    if asked.files is not None:
-        show("drawings_files", ("file", "result", "details"), import_all(asked.files), False)
-        return
-    worst: dict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
-    count, named, wrong = Counter[str](), Counter[str](), Counter[str]()
+    results = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for k in range(asked.drawings):
             kind = KINDS[k % len(KINDS)]
             of, path = case(asked.seed + k, kind), folder / f"{k}.{kind}"
             true = write(of, path, k)
-            for what, value in deviations(of, path, true).items():
-                worst[kind][what] = max(worst[kind][what], value)
-            count[kind] += 1
             fault = FAULTS[kind][k // len(KINDS) % len(FAULTS[kind])]
             made = spoiled(of, fault, k)
             error = refusal(made.content, kind, folder)
-            good = error is not None and any(each in error for each in made.expected)
-            (named if good else wrong)[kind] += 1
-            if not good:
+            named = error is not None and any(text in error for text in made.expected)
+            results.append({"kind": kind, **deviations(of, path, true), "named": named})
+            if not named:
                 print(k, kind, fault, error, made.expected)
     rows = [
-        [kind.upper(), str(count[kind]), *(f"{100 * worst[kind][what]:.4f} %" for what in ("area", "centre", "inertia")),
-         f"{named[kind]} of {named[kind] + wrong[kind]}"]
-        for kind in KINDS
+        [kind.upper(), str(len(some)), *(f"{100 * some[what].max():.4f} %" for what in ("area", "centre", "inertia")),
+         f"{some['named'].sum()} of {len(some)}"]
+        for kind, some in pd.DataFrame(results).groupby("kind", sort=False)
     ]  # fmt: skip
     show("drawings", ("file", "drawings", "area", "centre", "inertia", "faults named"), rows, asked.keep)
 

@@ -13,8 +13,8 @@ import numpy as np
 
 import vibgym
 from agents.evaluation.table import quantity
-from studies.benchmarks import common
-from studies.benchmarks.common import HARDWARE
+from studies import common
+from studies.common import HARDWARE
 from studies.kept import show
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Episodes, worlds_of

@@ -13,9 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.statistics import quartiles
-from agents.evaluation.table import quantity
-from studies.benchmarks import common
+from studies import common
 from studies.kept import show
 from vibgym import Part, Simulator, Surface
 from vibgym.policies import rollout
@@ -98,26 +96,11 @@ def main() -> None:
     for name, law in LAWS.items():
         cells = []
         for policy in POLICIES.values():
-            part = {
-                "shape": "rectangle",
-                "length": 0.05,
-                "width": 0.035,
-                "height": 0.02,
-                "mass": 0.0945,
-                "friction": FRICTION,
-            }
-            found = rollout(policy, "Align", seeds=seeds, parts=[{**part, "friction_law": law}])
-            time_to_goal = quantity(quartiles(found.time_to_goal).median, 1.0, 2, "s")
-            cells.append(f"{100 * found.success.mean():.1f} %, {time_to_goal}")
+            found = rollout(policy, "Align", seeds=seeds, parts=[block(law)])
+            cells.append(common.outcome(found.success, found.time_to_goal))
         lines.append([name, cost[name], f"{1e6 * error(law):.0f} um", f"{1e3 * top_speed(law):.0f} mm/s", *cells])
         print(*lines[-1], flush=True)
-    heads = (
-        "factor on friction",
-        "cost",
-        "error",
-        "top speed",
-        *(f"Align, `{name}`" for name in POLICIES),
-    )
+    heads = ("factor on friction", "cost", "error", "top speed", *(f"Align, `{name}`" for name in POLICIES))
     show("friction-laws", heads, lines, asked.keep)
 
 

@@ -8,7 +8,6 @@ one part, whose nominal properties are the prototype's, and the fit knows these 
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Sequence
@@ -17,11 +16,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from studies.benchmarks import common
+from studies import common
 from studies.kept import show
 from vibgym.config import json_values
-from vibgym.files import output_directory, write_atomically
+from vibgym.files import output_directory
 from vibgym.identification import Camera, Excitation, Log, fit, record
 from vibgym.identification.law import applied
 from vibgym.scene.parts import Part, shipped_part
@@ -121,33 +121,7 @@ def result(seed: int, seconds: float, stribeck: bool = False) -> dict[str, Any]:
 def stored(seed: int, seconds: float, folder: Path, stribeck: bool = False) -> dict[str, Any]:
     """Return the result of a machine, from its file if there is one."""
     path = folder / f"{seed}-{seconds:g}{'-stribeck' if stribeck else ''}.json"
-    if not path.exists():
-        found = result(seed, seconds, stribeck)
-        write_atomically(path, json.dumps(found))
-        print(f"machine {seed}: {found['cpu']:.0f} s of CPU", flush=True)
-    return json.loads(path.read_text(encoding="utf-8"))
-
-
-def errors(results: Sequence[dict[str, Any]], name: str, relative: bool = True) -> np.ndarray:
-    """Return (n,) errors of a value, in percent if relative; kinds of parts are pooled."""
-    found = []
-    for each in results:
-        for key, true in each["truth"].items():
-            if key in each["values"] and key.partition(".")[0] == name:
-                found.append((each["values"][key] - true) * (100.0 / true if relative else 1.0))
-    return np.array(found)
-
-
-def covered(results: Sequence[dict[str, Any]], name: str) -> list[bool]:
-    """Return whether intervals contain the truth; of a dead zone, where its form is right."""
-    found = []
-    for each in results:
-        if name == "dead_zone" and each["values"]["dead_zone_form"] != each["truth"]["dead_zone_form"]:
-            continue
-        for key, (low, high) in each["intervals"].items():
-            if key in each["truth"] and key.partition(".")[0] == name:
-                found.append(bool(low <= each["truth"][key] <= high))
-    return found
+    return common.stored(path, lambda: result(seed, seconds, stribeck))
 
 
 ROWS: dict[str, tuple[float | None, str, str]] = {
@@ -170,20 +144,36 @@ ROWS: dict[str, tuple[float | None, str, str]] = {
 """Factor of absolute errors (None: relative), unit and label of the rows."""
 
 
+def compared(results: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """Return a row for each value of each machine: name without the kind of part, error, its share of the truth in percent, and
+    whether its interval has the truth (nan: no interval, or a dead zone of another form)."""
+    rows = []
+    for result in results:
+        truth, values = result["truth"], result["values"]
+        another = values["dead_zone_form"] != truth["dead_zone_form"]
+        for key, true in truth.items():
+            name = key.partition(".")[0]
+            if name in ROWS and key in values:
+                low, high = result["intervals"].get(key, (math.nan, math.nan))
+                unknown = math.isnan(low) or (name == "dead_zone" and another)
+                error = abs(values[key] - true)
+                rows.append((name, error, 100.0 * error / abs(true), math.nan if unknown else low <= true <= high))
+    return pd.DataFrame(rows, columns=["name", "error", "percent", "inside"])
+
+
 def table(results: Sequence[dict[str, Any]]) -> list[list[str]]:
     """Return the rows of the table."""
-    lines, inside = [], []
+    lines, values = [], compared(results)
     for name, (factor, unit, label) in ROWS.items():
-        error = np.abs(errors(results, name, factor is None)) * (factor or 1.0)
-        if not len(error):
+        some = values[values["name"] == name]
+        if some.empty:
             continue
-        within = covered(results, name)
-        inside += within
-        target = f"{TARGETS[name]:g} {unit}" if name in TARGETS else ""
+        error = some["percent"] if factor is None else factor * some["error"]
         size = (f"{value:.2g} {unit}" for value in (np.sqrt(np.mean(error**2)), error.max()))
-        lines.append([label, *size, target, f"{sum(within)} of {len(within)}"])
-    gains, turns = (np.array([each[name] for each in results]) for name in ("elements", "turns"))
-    known = np.mean([each["known"] for each in results])
+        target = f"{TARGETS[name]:g} {unit}" if name in TARGETS else ""
+        lines.append([label, *size, target, f"{some['inside'].sum():.0f} of {some['inside'].count()}"])
+    gains, turns = (np.array([result[name] for result in results]) for name in ("elements", "turns"))
+    known = np.mean([result["known"] for result in results])
     lines.append(
         [f"gains of elements ({known:.0f} of 256)", f"{gains.mean():.2g} %", f"{gains.max():.2g} %", "3 %", ""]
     )
@@ -194,14 +184,12 @@ def table(results: Sequence[dict[str, Any]]) -> list[list[str]]:
         "friction_law": "friction law right",
     }
     for name, label in labels.items():
-        right = sum(each["values"][name] == each["truth"][name] for each in results)
+        right = sum(result["values"][name] == result["truth"][name] for result in results)
         lines.append([label, f"{right} of {len(results)}", "", "all" if name == "latency" else "", ""])
-    cpu = np.array([each["cpu"] for each in results])
+    cpu, inside = np.array([result["cpu"] for result in results]), values["inside"]
     lines.append(["CPU time of a fit", f"{np.median(cpu):.0f} s", f"{cpu.max():.0f} s", "600 s", ""])
-    lines.append(
-        ["all intervals", "", "", "90 to 98 %", f"{sum(inside)} of {len(inside)} ({100 * np.mean(inside):.0f} %)"]
-    )
-    return lines
+    share = f"{inside.sum():.0f} of {inside.count()} ({100 * inside.mean():.0f} %)"
+    return [*lines, ["all intervals", "", "", "90 to 98 %", share]]
 
 
 def main() -> None:

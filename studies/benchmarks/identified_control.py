@@ -9,10 +9,8 @@ true poses. Results are stored in ``--output`` and reused, so several processes 
 
 from __future__ import annotations
 
-import json
 import math
 import pickle
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,8 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.evaluation.statistics import quartiles
-from studies.benchmarks import common
+from studies import common
 from studies.benchmarks.identification import NOMINAL, PARTS, Machine, drawn, recorded
 from studies.kept import show
 from vibgym.files import output_directory, write_atomically
@@ -128,12 +125,6 @@ def _time(driver: HiddenMachine, loop: ControlLoop, seed: int, cycles: int) -> f
     return math.nan
 
 
-def cell(took: np.ndarray) -> str:
-    """Return success and median time as text."""
-    success, median = 100.0 * np.isfinite(took).mean(), quartiles(took)[1]
-    return f"{success:g} %, {median:.2f} s" if success else "0 %"
-
-
 def identified(seed: int, asked: Any) -> Fitted:
     """Return the fit of a machine, from its file if there is one."""
     path = asked.output / f"fit-{seed}-{asked.seconds:g}.pickle"
@@ -145,23 +136,24 @@ def identified(seed: int, asked: Any) -> Fitted:
 def stored(seed: int, task: str, policy: str, asked: Any) -> dict[str, list[float]]:
     """Return the times to success of a policy on a machine by set of parameters, from their file if there is one."""
     name = f"{seed}-{task}-{policy}-{asked.seconds:g}-{asked.episodes}-{asked.nominal}-{asked.first_seed}.json"
-    path, machine = asked.output / name, drawn(seed)
-    if not path.exists():
-        began, found = time.process_time(), {}
-        for known, each in knowledge(machine, identified(seed, asked)).items():
+
+    def compute() -> dict[str, list[float]]:
+        machine, found = drawn(seed), {}
+        for known, parameters in knowledge(machine, identified(seed, asked)).items():
             episodes = asked.nominal if known.startswith("nominal") else asked.episodes
             seeds = range(asked.first_seed, asked.first_seed + episodes)
-            found[known] = times(task, policy, machine, each, seeds).tolist()
-        write_atomically(path, json.dumps(found))
-        print(f"machine {seed}, {task}, {policy}: {time.process_time() - began:.0f} s of CPU", flush=True)
-    return json.loads(path.read_text(encoding="utf-8"))
+            found[known] = times(task, policy, machine, parameters, seeds).tolist()
+        return found
+
+    return common.stored(asked.output / name, compute)
 
 
 def row(found: dict[str, Sequence[float]]) -> list[str]:
     """Return the cells of a line: every set of parameters, and by how much identified ones change the median and the mean time
     of the episodes that both they and the true ones solve."""
     a, b = (np.array(found[name]) for name in ("identified", "true"))
-    both, cells = np.isfinite(a) & np.isfinite(b), [cell(np.array(each)) for each in found.values()]
+    both = np.isfinite(a) & np.isfinite(b)
+    cells = [common.outcome(np.isfinite(took), np.array(took)) for took in found.values()]
     if not both.any():
         return [*cells, "–", "–"]
     change = (100.0 * (of(a[both]) / of(b[both]) - 1.0) for of in (np.median, np.mean))

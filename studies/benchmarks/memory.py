@@ -24,14 +24,15 @@ from agents.evaluation.statistics import quartiles, success_interval
 from agents.evaluation.table import quantity
 from agents.ppo import PPO
 from agents.training_file import settings_from
-from studies.benchmarks import common
+from studies import common
+from studies.common import LEVEL, RESAMPLES
 from studies.kept import show
 from vibgym.policies import rollout
 from vibgym.policies.rollout import Outcomes
 from vibgym.seeds import RANGES
 
 TASK, WORLDS, FIRST_TRAINING = "Align", 128, 10
-MISSED, LEVEL, RESAMPLES = 0.01, 0.95, 9999
+MISSED = 0.01
 ACTION = {"action": "field"}
 LEARNING = {
     "n_steps": 32, "batch_size": 1024, "n_epochs": 4, "learning_rate": 5e-4, "final_learning_rate": 1e-4, "gamma": 0.99,
@@ -124,10 +125,10 @@ def cell(found: Sequence[Outcomes]) -> str:
     """Format outcomes of several trainings on the same seeds: success with interval, median time, position error."""
     success = np.array([each.success for each in found])
     spread = success_interval(success, LEVEL, RESAMPLES)
-    time = quartiles(np.concatenate([each.time_to_goal for each in found])).median
-    error = quartiles(np.concatenate([each.position_error for each in found])).median
-    share = f"{100 * success.mean():.1f} % ({100 * spread.low:.0f} to {100 * spread.high:.0f})"
-    return f"{share}, {quantity(time, 1.0, 2, 's')}, {quantity(error, 1e3, 1, 'mm')}"
+    times, errors = (
+        np.concatenate([getattr(run, name) for run in found]) for name in ("time_to_goal", "position_error")
+    )
+    return f"{common.outcome(success, times, 1, spread)}, {quantity(quartiles(errors).median, 1e3, 1, 'mm')}"
 
 
 def main() -> None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import time
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 import torch
 from tensordict.nn import TensorDictModule
@@ -22,7 +21,7 @@ from torchrl.collectors import Collector
 from torchrl.modules import MLP, ProbabilisticActor, TanhNormal
 from torchrl.objectives import ClipPPOLoss, ValueEstimators
 
-from studies.benchmarks import common
+from studies import common
 from vibgym.adapters.torchrl import GROUP, BatchEnv
 from vibgym.policies import rollout
 from vibgym.policies.rollout import Ends
@@ -270,20 +269,6 @@ def show(name: str, task: str, policy: Any, seeds: range, **more: Any) -> None:
     )
 
 
-def throughput(task: str, worlds: int) -> None:
-    """Print the steps of the TorchRL environment relative to the native batch's, measured alternately."""
-    scene = CASES[task].scene
-    native = gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action="velocity", observation="parts", **scene)
-    env = BatchEnv(f"vibgym/{task}-v0", num_envs=worlds, **scene)
-    native.reset(seed=0)
-    now = env.reset()
-    now[env.action_key] = torch.zeros(env.full_action_spec[env.action_key].shape)
-    still = np.zeros(native.action_space.shape, dtype=np.float32)
-    took = common.interleaved({"native": lambda: native.step(still), "TorchRL": lambda: env.step(now)}, 200, 20)
-    share = np.median(took["native"] / took["TorchRL"])
-    print(f"{worlds} worlds: {share:.0%} of the native batch's steps per second")
-
-
 def main() -> None:
     """Train, evaluate and print."""
     parser = common.parser(__doc__, keep=False)
@@ -298,11 +283,7 @@ def main() -> None:
     parser.add_argument(
         "--beside", nargs="*", default=[], type=common.policy, help="further policies to play: JSON, names or paths"
     )
-    parser.add_argument("--throughput", action="store_true", help="compare the speed of the environments instead")
     asked = parser.parse_args()
-    if asked.throughput:
-        throughput(asked.task, asked.worlds)
-        return
     learned = train(
         asked.task, asked.algorithm == "mappo", asked.steps, asked.worlds, asked.seed, asked.blame, asked.touch
     )

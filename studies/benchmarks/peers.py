@@ -10,19 +10,20 @@ from __future__ import annotations
 
 import os
 import platform
-import statistics
-import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
+import numpy as np
 
 import vibgym
-from studies.benchmarks import common
+from studies import common
+from studies.kept import show
+from studies.worker import Worker
 from vibgym import checks
 from vibgym.simulation.threads import available_threads
 
@@ -38,32 +39,39 @@ Rate = Callable[[], float]
 
 
 class Peer:
-    """Another environment in idle processes that run on request; see ``peers_worker.py``."""
+    """An environment of another package in idle processes that run on request, see ``peers_worker.py``."""
 
-    def __init__(self, python: Path, *arguments: str, copies: int = 1) -> None:
-        pipe: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
-        self._name = arguments[0]
-        self._workers = [subprocess.Popen([python, WORKER, *arguments], **pipe) for _ in range(copies)]
+    def __init__(self, python: Path, *arguments: object, copies: int = 1) -> None:
+        self._workers = [Worker(python, WORKER, *arguments) for _ in range(copies)]
         self()
 
     def __call__(self) -> float:
         """Return the steps per second of all processes together."""
         for worker in self._workers:
-            worker.stdin.write(f"{SECONDS}\n")  # type: ignore[union-attr]
-            worker.stdin.flush()  # type: ignore[union-attr]
-        rates = [worker.stdout.readline() for worker in self._workers]  # type: ignore[union-attr]
-        if not all(rates):
-            raise RuntimeError(f"{self._name} ended: try {' '.join(map(str, self._workers[0].args))}")  # type: ignore[arg-type]
-        return sum(map(float, rates))
+            worker.send("rate", SECONDS)
+        return sum(worker.receive() for worker in self._workers)
 
     def close(self) -> None:
         """End the processes."""
         for worker in self._workers:
-            worker.communicate()
+            worker.close()
+
+
+def rate(advance: Callable[[], int]) -> Rate:
+    """Return a function that measures steps per second; ``advance`` returns the steps that it has taken."""
+
+    def measure() -> float:
+        steps, began = 0, time.perf_counter()
+        while time.perf_counter() - began < SECONDS:
+            steps += advance()
+        return steps / (time.perf_counter() - began)
+
+    measure()  # compiles kernels
+    return measure
 
 
 class Batch:
-    """Vector environment with random actions, each held for ``hold`` steps, resets included."""
+    """Vector environment with random actions, each held for ``hold`` steps, resets included; a call measures its rate."""
 
     def __init__(self, name: str, worlds: int, hold: int = 1, **settings: Any) -> None:
         self._env = gym.make_vec(name, num_envs=worlds, **settings)
@@ -71,15 +79,16 @@ class Batch:
         self._actions = [self._env.action_space.sample() for _ in range(8)]
         self._hold, self._taken = hold, 0
         self._env.reset(seed=0)
-        self()
+        self._measure = rate(self._advance)
 
     def __call__(self) -> float:
         """Return the steps per second of all worlds together."""
-        before, began = self._taken, time.perf_counter()
-        while time.perf_counter() - began < SECONDS:
-            self._env.step(self._actions[self._taken // self._hold % 8])
-            self._taken += 1
-        return (self._taken - before) * self._env.num_envs / (time.perf_counter() - began)
+        return self._measure()
+
+    def _advance(self) -> int:
+        self._env.step(self._actions[self._taken // self._hold % 8])
+        self._taken += 1
+        return self._env.num_envs
 
     def contacts(self) -> float:
         """Return the share of periods with contacts; for vibgym only."""
@@ -94,18 +103,29 @@ def single(name: str, **settings: Any) -> Rate:
     actions = [env.action_space.sample() for _ in range(64)]
     env.reset(seed=0)
 
-    def measure() -> float:
-        steps, began = 0, time.perf_counter()
-        while time.perf_counter() - began < SECONDS:
-            for action in actions:
-                _, _, terminated, truncated, _ = env.step(action)
-                if terminated or truncated:
-                    env.reset()
-            steps += len(actions)
-        return steps / (time.perf_counter() - began)
+    def advance() -> int:
+        for action in actions:
+            _, _, terminated, truncated, _ = env.step(action)
+            if terminated or truncated:
+                env.reset()
+        return len(actions)
 
-    measure()
-    return measure
+    return rate(advance)
+
+
+def in_pairs(pairs: Sequence[tuple[Rate, Rate]], rounds: int) -> np.ndarray:
+    """Return rates (pairs, rounds, 2), measured consecutively, with the second of a pair first in every other round."""
+    found = np.empty((len(pairs), rounds, 2))
+    for number in range(rounds):
+        for k, pair in enumerate(pairs):
+            for which in (1, 0) if number % 2 else (0, 1):
+                found[k, number, which] = pair[which]()
+    return found
+
+
+def spread(ratios: np.ndarray, digits: int = 2) -> str:
+    """Format the median, and minimum and maximum in brackets."""
+    return f"{np.median(ratios):.{digits}f} [{ratios.min():.{digits}f}, {ratios.max():.{digits}f}]"
 
 
 class Row(NamedTuple):
@@ -138,30 +158,28 @@ ROWS = (
 )
 
 
-def fastest(made: dict[str, Rate]) -> tuple[str, Rate]:
-    """Return the fastest and its name; close the others."""
+def fastest(title: str, made: dict[str, Rate]) -> Rate:
+    """Return the fastest and print its name; close the others."""
     best = max(made, key=lambda name: max(made[name]() for _ in range(3)))
-    for name, each in made.items():
-        if name != best and isinstance(each, Peer):
-            each.close()
-    return best, made[best]
+    for name, other in made.items():
+        if name != best and isinstance(other, Peer):
+            other.close()
+    print(f"{title}: {best}", flush=True)
+    return made[best]
 
 
 def others(python: Path | None) -> dict[str, Rate]:
     """Return the other environments; without ``python``, those of Gymnasium only."""
     cores = available_threads()
-    sync = {f"{n} worlds": Batch("CartPole-v1", n, vectorization_mode="sync") for n in (16, 64, 256, 1024)}
-    size, best = fastest(sync)
-    print(f"{SYNC}: {size}", end="", flush=True)
-    found: dict[str, Rate] = {SYNC: best, CARTPOLE: single("CartPole-v1")}
+    sync: dict[str, Rate] = {
+        f"{n} worlds": Batch("CartPole-v1", n, vectorization_mode="sync") for n in (16, 64, 256, 1024)
+    }
+    found: dict[str, Rate] = {SYNC: fastest(SYNC, sync), CARTPOLE: single("CartPole-v1")}
     if python is not None:
         found[PUSHT] = Peer(python, "pusht", copies=cores)
         shapes = [(n, threads) for n in (256, 1024, 4096) for threads in sorted({1, cores})]
-        size, found[POOL] = fastest(
-            {f"{n} worlds, {t} threads": Peer(python, "envpool", str(n), str(t)) for n, t in shapes}
-        )
-        print(f"; {POOL}: {size}; {PUSHT}: {cores} processes", end="")
-    print()
+        pools: dict[str, Rate] = {f"{n} worlds, {t} threads": Peer(python, "envpool", n, t) for n, t in shapes}
+        found[POOL] = fastest(POOL, pools)
     return found
 
 
@@ -183,28 +201,26 @@ def main() -> None:
     theirs = others(python)
     rows = [row for row in ROWS if row.other in theirs]
     ours = {name: OURS[name]() for name in dict.fromkeys(row.ours for row in rows)}
-    pairs: dict[Row, list[tuple[float, float]]] = {row: [] for row in rows}
-    for number in range(asked.rounds):
-        for row, found in pairs.items():
-            turn = (ours[row.ours], theirs[row.other])
-            rates = [measure() for measure in (turn[::-1] if number % 2 else turn)]
-            found.append((rates[number % 2], rates[1 - number % 2]))
-    print(f"medians of {asked.rounds} rounds; lowest and highest ratio in brackets")
-    for row, found in pairs.items():
-        measured, contacts = ours[row.ours], ""
-        if isinstance(measured, Batch) and row.ours in CROWDS:
-            contacts = f", contacts in {measured.contacts():.0%} of periods"
-        print(line(row, found) + contacts)
-
-
-def line(row: Row, found: list[tuple[float, float]]) -> str:
-    """Return a row of the table."""
-    ratios = [b / a if row.cost else a / b for a, b in found]
-    mine, other = (statistics.median(each) for each in zip(*found, strict=True))
-    what = "cost" if row.cost else "rate"
-    target = "" if row.target is None else f", target {'at most' if row.cost else 'at least'} {row.target:g}"
-    spread = f"{statistics.median(ratios):5.2f} x its {what} [{min(ratios):.2f}, {max(ratios):.2f}]{target}"
-    return f"{row.ours:34s}{mine:9.0f} steps/s   {row.other:26s}{other:9.0f} steps/s   {spread}"
+    lines = []
+    for row, rates in zip(
+        rows, in_pairs([(ours[row.ours], theirs[row.other]) for row in rows], asked.rounds), strict=True
+    ):
+        ratios, measured = rates[:, 0] / rates[:, 1], ours[row.ours]
+        text = f"{spread(1.0 / ratios)} x its cost" if row.cost else f"{spread(ratios)} x its rate"
+        target = "" if row.target is None else f"{'at most' if row.cost else 'at least'} {row.target:g}"
+        contacts = f"{measured.contacts():.0%}" if isinstance(measured, Batch) and row.ours in CROWDS else ""
+        mine, other = np.median(rates, axis=0)
+        lines.append([row.ours, contacts, f"{mine:.0f}", row.other, f"{other:.0f}", text, target])
+    heads = (
+        "vibgym",
+        "periods with contacts",
+        "steps/s",
+        "compared with",
+        "steps/s",
+        f"{asked.rounds} rounds",
+        "target",
+    )
+    show("peers", heads, lines)
 
 
 if __name__ == "__main__":

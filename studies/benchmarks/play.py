@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from studies.benchmarks import common
+from studies import common
 
 TASK = "SortTwelve"
 WARM = "() => window.vibgym && window.vibgym.pictures > 60"

@@ -11,16 +11,18 @@ Every case plays the same goals of Align for 15 s each. Output: median over the 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.evaluation.table import quantity
-from studies.benchmarks import common
+from studies import common
 from studies.kept import show
 from vibgym.envs import VibgymVectorEnv
 from vibgym.policies.measures import least_times
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import Episodes
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks import TASKS
 from vibgym.tasks.base import HOLD_PERIODS
@@ -29,6 +31,7 @@ from vibgym.tasks.pose import Align
 SECONDS, LAST = 15.0, 10.0
 PARTS = ("aluminium_block", "steel_block")
 POSE = {"kind": "pose", "estimator": "model"}
+CAMERA = {"kind": "camera", "statistical": True, "estimator": "model"}
 
 
 def machine(sensor: dict[str, Any] = POSE, randomize: dict[str, Any] | None = None, **hardware: Any) -> dict[str, Any]:
@@ -46,9 +49,9 @@ CASES: dict[str, dict[str, Any]] = {
     "dead zone 0.15 mm": machine(dead_zone=1.5e-4),
     "incline up to 1 mrad": machine(randomize={"incline": [0.0, 1e-3]}),
     "10 % dead": machine(dead=0.1),
-    "camera, grey levels": machine({"kind": "camera", "lines": "all", "estimator": "model"}),
-    "camera, grey, half lines": machine({"kind": "camera", "estimator": "model"}),
-    "camera, binary, half lines": machine({"kind": "camera", "edge": "threshold", "estimator": "model"}),
+    "camera, grey levels": machine({**CAMERA, "lines": "all"}),
+    "camera, grey, half lines": machine(CAMERA),
+    "camera, binary, half lines": machine({**CAMERA, "edge": "threshold"}),
 }
 
 
@@ -62,43 +65,45 @@ class Stay(Align):
 class Held(NamedTuple):
     """Outcomes, arrays (goals,)."""
 
-    distance: np.ndarray  # m, rms over the last 10 s
+    distance: np.ndarray  # m, rms over the last seconds
     turn: np.ndarray  # rad, likewise
     overshoot: np.ndarray  # relative to the initial distance
     time: np.ndarray  # s, to success; nan without
     above: np.ndarray  # s, above the bound; nan without success, or where none is known
-    on: np.ndarray  # share of the last 10 s
+    on: np.ndarray  # share of the last seconds
 
 
-def hold(policy: Any, part: Any, goals: int, seed: int, seconds: float = SECONDS, **machine: Any) -> Held:
-    """Bring a part to ``goals`` goals and hold it there."""
-    kept: dict[str, Any] = {"task": "Stay", "parts": [part], "max_episode_steps": 10**6, **machine}
-    made = make_policy(policy, TaskInfo.of(VibgymVectorEnv(num_envs=1, **kept), "Align"))
-    env = VibgymVectorEnv(num_envs=goals, action=made.action, observation=made.observation, **kept)
-    task, step, base = env.unwrapped.task, env.step_time, env.unwrapped
-    steps, last = round(seconds / step), round(LAST / step)
-    seen, _ = env.reset(seed=seed)
-    least = least_times(env.unwrapped)
-    error, on, memory = np.empty((steps + 1, goals, 3)), np.empty((steps, goals), dtype=bool), None
-    error[0] = base.truth.error[:, 0]
-    for k in range(steps):
-        action, memory = made.predict(seen, memory)
-        seen, *_ = env.step(action)
-        on[k] = [base.phasors(world).any() for world in range(goals)]
-        error[k + 1] = base.truth.error[:, 0]
-    away = np.linalg.norm(error[0, :, :2], axis=-1)
-    distance, left = np.linalg.norm(error[..., :2], axis=-1), np.abs(error[..., 2])
-    beyond = -(error[..., :2] * error[0, :, :2]).sum(axis=-1) / away
-    within = (distance <= task.position_tolerance) & (left <= task.heading_tolerance)
+def hold(
+    policy: Any, part: Any, seeds: Sequence[int], seconds: float = SECONDS, last: float = LAST, **machine: Any
+) -> Held:
+    """Bring a part to a goal for each seed, and hold it there; errors are those of the ``last`` s of ``seconds``."""
+    if "Stay" not in TASKS:
+        TASKS.register("Stay", Stay)
+    machine = {"parts": [part], **machine}
+    info = TaskInfo.of(VibgymVectorEnv("Align", num_envs=1, **machine), "Align")
+    made = make_policy(policy, info)
+    env = VibgymVectorEnv(
+        "Stay", num_envs=len(seeds), action=made.action, observation=made.observation, autoreset_mode="Disabled",
+        max_episode_steps=round(seconds / info.step_time), **machine,
+    )  # fmt: skip
+    episodes, task, tail = Episodes(made, env, seeds), env.task, round(last / env.step_time)
+    bound, error, on = least_times(env), [env.truth.error[:, 0]], []
+    for _ in episodes:
+        on.append([env.phasors(world).any() for world in range(len(seeds))])
+        error.append(env.truth.error[:, 0])
     env.close()
-    time = step * reached(within, HOLD_PERIODS)
+    path, heading = np.array(error)[..., :2], np.abs(np.array(error)[..., 2])
+    distance, away = np.linalg.norm(path, axis=-1), np.linalg.norm(path[0], axis=-1)
+    beyond = -(path * path[0]).sum(axis=-1) / away
+    within = (distance <= task.position_tolerance) & (heading <= task.heading_tolerance)
+    time = env.step_time * reached(within, HOLD_PERIODS)
     return Held(
-        distance=np.sqrt((distance[-last:] ** 2).mean(axis=0)),
-        turn=np.sqrt((left[-last:] ** 2).mean(axis=0)),
+        distance=np.sqrt((distance[-tail:] ** 2).mean(axis=0)),
+        turn=np.sqrt((heading[-tail:] ** 2).mean(axis=0)),
         overshoot=np.maximum(beyond.max(axis=0), 0.0) / away,
         time=time,
-        above=time - least,
-        on=on[-last:].mean(axis=0),
+        above=time - bound,
+        on=np.array(on)[-tail:].mean(axis=0),
     )
 
 
@@ -147,16 +152,11 @@ def main() -> None:
     parser.add_argument("--parts", nargs="+", default=list(PARTS))
     parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
     parser.add_argument("--policy", type=common.policy, default={"kind": "local_field", "law": "pose"}, help="JSON")
-    parser.add_argument("--images", action="store_true", help="use camera images instead of the statistical model")
     asked = parser.parse_args()
-    TASKS.register("Stay", Stay)
-    lines = []
+    lines, seeds = [], range(asked.seed, asked.seed + asked.goals)
     for case in asked.cases:
-        settings = CASES[case]
-        if settings["sensor"]["kind"] == "camera" and not asked.images:
-            settings = {**settings, "sensor": {**settings["sensor"], "statistical": True}}
         for part in asked.parts:
-            held = hold(asked.policy, part, asked.goals, asked.seed, **settings)
+            held = hold(asked.policy, part, seeds, **CASES[case])
             lines.append([case, part.replace("_", " "), *row(held)])
     show("pose-control", HEADS, lines, asked.keep)
 

@@ -12,7 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from studies.benchmarks import common, operations
+from studies import common
+from studies.benchmarks import operations
 from vibgym.kernels.jit import exact
 from vibgym.kernels.vector import LANES, load, store
 

@@ -13,10 +13,10 @@ import numpy as np
 import torch
 
 from agents.evaluation.table import quantity
-from agents.imitation import Imitation, ImitationSettings, experts
+from agents.imitation import Demonstrations, Imitation, ImitationSettings, experts
 from agents.ppo import PPO
 from agents.training_settings import TrainSettings
-from studies.benchmarks import common
+from studies import common
 from studies.kept import show
 from vibgym.policies.rollout import rollout
 
@@ -27,6 +27,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "both": {"dropped_columns": ["position"], "turned": True},
 }
 EXPERT = {"kind": "pose", "action": "wrench"}
+TESTED = 40
+"""Steps of each world on which the error of actions is measured."""
 
 
 def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[float, float, float]:
@@ -48,7 +50,13 @@ def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[
         pass
     scene = imitation.scenes[0]
     scene.begin(10**6 + seed)
-    fresh = scene.collect(learner.policy, 40, 0.1, 0.0)
+    samples, coding = TESTED * worlds, learner.policy.coding
+    fresh = Demonstrations(
+        np.empty((samples, 1, coding.shape.columns), dtype=coding.dtype),
+        np.empty((samples, 1), dtype=np.float32),
+        np.empty((samples, 1, coding.shape.action), dtype=np.float32),
+    )
+    scene.collect(learner.policy, fresh, 0.1, 0.0)
     with torch.no_grad():
         mean, _ = learner.policy.actor(torch.from_numpy(fresh.rows))
     error = float(np.sqrt(((mean.numpy() - fresh.action) ** 2).mean()))

@@ -1,22 +1,15 @@
 """Steps per second of training: ``python -m studies.benchmarks.training``.
 
 Includes rollouts, values, updates and logs, without imitation and learning curves. The cases are measured in turn, several
-times; output: medians. ``plain`` is the PPO of Stable-Baselines3 on the flat state with the same worlds, network sizes,
+times; output: medians. ``SB3`` is the PPO of Stable-Baselines3 on the flat state with the same worlds, network sizes,
 minibatches and epochs, as a baseline on the same host.
 """
 
 from __future__ import annotations
 
-import contextlib
-import os
-import runpy
-import sys
-import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import gymnasium as gym
 import numpy as np
@@ -27,7 +20,7 @@ from stable_baselines3.common.logger import configure
 import vibgym  # noqa: F401 - registers the environments
 from agents.ppo import PPO as OurPPO
 from agents.training_settings import TrainSettings
-from studies.benchmarks import common
+from studies import common
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.simulation.threads import available_threads
 
@@ -43,6 +36,18 @@ ITERATIONS = 4
 """Rollouts and updates per measurement."""
 
 
+def rate(learn: Callable[[int], object], steps: int) -> Callable[[], float]:
+    """Return a function that measures steps per second; ``steps`` are those of a rollout and update."""
+    learn(steps)  # kernels, allocations
+
+    def measure() -> float:
+        began = time.perf_counter()
+        learn(ITERATIONS * steps)
+        return ITERATIONS * steps / (time.perf_counter() - began)
+
+    return measure
+
+
 def ours(
     task: str, action: str, worlds: int, network: str = "parts", model: Any = "planar", **ppo: Any
 ) -> Callable[[], float]:
@@ -52,16 +57,7 @@ def ours(
         task=task, environment=environment, worlds=worlds, steps=1, own=OurPPO.Settings(network=network, **ppo)
     )
     learner = OurPPO(settings)
-    steps = learner.own.n_steps * worlds
-
-    learner.learn(steps, lambda metrics: None)  # kernels, allocations
-
-    def measure() -> float:
-        began = time.perf_counter()
-        learner.learn(learner.steps + ITERATIONS * steps, lambda metrics: None)
-        return ITERATIONS * steps / (time.perf_counter() - began)
-
-    return measure
+    return rate(lambda steps: learner.learn(learner.steps + steps, lambda metrics: None), learner.own.n_steps * worlds)
 
 
 LOOP = {"n_steps": 32, "batch_size": 4096, "n_epochs": 3}
@@ -74,82 +70,23 @@ def sb3(task: str, action: str, worlds: int) -> Callable[[], float]:
     adapter = VecEnv(env.unwrapped)  # type: ignore[arg-type]
     model = PPO("MlpPolicy", adapter, **LOOP, policy_kwargs={"net_arch": [64, 64]}, device="cpu")
     model.set_logger(configure(None, []))
-    steps = model.n_steps * model.n_envs
-    model.learn(steps, reset_num_timesteps=False)  # kernels, allocations
-
-    def measure() -> float:
-        began = time.perf_counter()
-        model.learn(ITERATIONS * steps, reset_num_timesteps=False)
-        return ITERATIONS * steps / (time.perf_counter() - began)
-
-    return measure
+    return rate(lambda steps: model.learn(steps, reset_num_timesteps=False), model.n_steps * model.n_envs)
 
 
-CLEANRL = Path(f"{sys.prefix}-cleanrl/cleanrl/ppo_continuous_action.py")
-
-
-def cleanrl(task: str, action: str, worlds: int) -> Callable[[], float]:
-    """Return a function that runs CleanRL's file and measures steps per second after the first rollout and update."""
-    if not CLEANRL.exists():
-        raise SystemExit(f"{CLEANRL} is missing: make learners")
-    env = gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action=action, autoreset_mode="SameStep")
-    rollout, rollouts = LOOP["n_steps"], ITERATIONS + 2
-    arguments = {
-        "num-envs": worlds, "num-steps": rollout, "total-timesteps": rollouts * rollout * worlds, "cuda": False,
-        "num-minibatches": rollout * worlds // LOOP["batch_size"], "update-epochs": LOOP["n_epochs"],
-    }  # fmt: skip
-
-    class Worlds(gym.vector.VectorWrapper):
-        """The batch, which notes when it is called, without records of episodes in a format before gymnasium 1."""
-
-        def __init__(self) -> None:
-            super().__init__(env)
-            self.called: list[float] = []
-
-        def step(self, actions: Any) -> Any:
-            self.called.append(time.perf_counter())
-            return *self.env.step(actions)[:4], {}
-
-        def close(self, **_: Any) -> None:
-            """Keep the batch for the next run."""
-
-    def measure() -> float:
-        batch = Worlds()
-        line = [str(CLEANRL), *(f"--{name}={value}" for name, value in arguments.items())]
-        with (
-            tempfile.TemporaryDirectory() as logs,
-            contextlib.chdir(logs),
-            open(os.devnull, "w", encoding="utf-8") as nowhere,
-            contextlib.redirect_stdout(nowhere),
-            mock.patch.object(sys, "argv", line),
-            mock.patch.object(gym.vector, "SyncVectorEnv", lambda makers: batch),
-        ):
-            runpy.run_path(line[0], run_name="__main__")
-        seconds = batch.called[(rollouts - 1) * rollout] - batch.called[rollout]
-        return (rollouts - 2) * rollout * worlds / seconds
-
-    return measure
-
-
+CROWD: dict[str, Any] = {"batch_size": 8192, "n_epochs": 2, "activation": "relu", "net": [128, 128]}
 CASES: dict[str, Callable[[], Callable[[], float]]] = {
     "Align, velocity, SB3": lambda: sb3("Align", "velocity", 512),
-    "Align, velocity, CleanRL": lambda: cleanrl("Align", "velocity", 512),
     "Align, velocity": lambda: ours("Align", "velocity", 512, net=[64, 64], **LOOP),
     "Align, patch, SB3": lambda: sb3("Align", "patch", 512),
-    "Align, patch, CleanRL": lambda: cleanrl("Align", "patch", 512),
     "Align, patch": lambda: ours("Align", "patch", 512, net=[64, 64], **LOOP),
     "Align, element": lambda: ours("Align", "element", 512, network="elements", batch_size=8192, net=[64, 64]),
     "Sort, field": lambda: ours("Sort", "field", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64]),
     "Sort, wrench": lambda: ours("Sort", "wrench", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64]),
-    "Pack, velocity": lambda: crowd(128),
-    "Pack, velocity, fast contacts": lambda: crowd(128, {"kind": "planar", "contacts": "fast"}),
+    "Pack, velocity": lambda: ours("Pack", "velocity", 128, **CROWD),
+    "Pack, velocity, fast contacts": lambda: ours(
+        "Pack", "velocity", 128, model={"kind": "planar", "contacts": "fast"}, **CROWD
+    ),
 }
-
-
-def crowd(worlds: int, model: Any = "planar") -> Callable[[], float]:
-    """Return the measurement of Pack from scratch with velocities."""
-    settings = {"batch_size": 8192, "n_epochs": 2, "activation": "relu", "net": [128, 128]}
-    return ours("Pack", "velocity", worlds, model=model, **settings)
 
 
 def main() -> None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,17 +19,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.evaluation.statistics import bootstrap, exact
-from studies.benchmarks import common, peers
+from studies import common
+from studies.benchmarks import peers
+from studies.common import LEVEL, RESAMPLES
 from studies.kept import show
 from studies.pusht.kernel import HIGH, LOW, PUSHER, T
-from studies.pusht.peer import Peer
 from studies.pusht.policy import Planner
 from studies.pusht.scene import CONTACTS, PERIODS, SIZE, SUCCESS, PushT, PushTEnv, origin_of, start_of
 from studies.pusht.ways import CLEARANCE, rotation, ways
+from studies.worker import Worker
 from vibgym import checks
 
 FIRST_SEED = 100_000
-LEVEL, RESAMPLES = 0.95, 9999
 ROUNDS, BATCH, PUSHES, REPLAYS, EPISODES = 9, 1024, 1000, 30, 100
 
 PAIRS = (("projected", "projected"), ("projected", "delayed"), ("gym-pusht", "delayed"), ("gym-pusht", "projected"))
@@ -49,42 +49,35 @@ class Played(NamedTuple):
     planning: float  # s, of the policy in a period
 
 
-def rate(contacts: str, worlds: int) -> Callable[[], float]:
+def rate(contacts: str, worlds: int) -> peers.Rate:
     """Return a function that measures control steps per second under random actions, resets included."""
     env, random = PushTEnv(contacts), np.random.default_rng(0)
     batch, actions = env.batch if worlds == 1 else PushT(worlds, contacts), random.uniform(0.0, SIZE, (64, worlds, 2))
     taken = 0
 
-    def measure() -> float:
+    def advance() -> int:
         nonlocal taken
-        before, began = taken, time.perf_counter()
-        while time.perf_counter() - began < peers.SECONDS:
-            if taken % PERIODS == 0:
-                env.reset(seed=taken) if worlds == 1 else batch.reset(range(taken, taken + worlds))
-            env.step(actions[taken % 64, 0]) if worlds == 1 else batch.step(actions[taken % 64])
-            taken += 1
-        return (taken - before) * worlds / (time.perf_counter() - began)
+        if taken % PERIODS == 0:
+            env.reset(seed=taken) if worlds == 1 else batch.reset(range(taken, taken + worlds))
+        env.step(actions[taken % 64, 0]) if worlds == 1 else batch.step(actions[taken % 64])
+        taken += 1
+        return worlds
 
-    measure()
-    return measure
+    return peers.rate(advance)
 
 
 def throughput(python: Path, keep: bool, rounds: int = ROUNDS) -> None:
     """Measure control steps per second."""
     other = peers.Peer(python, "pusht")
     cases = [(contacts, worlds) for contacts in CONTACTS for worlds in (1, BATCH)]
-    measures = [rate(*case) for case in cases]
-    found = np.empty((rounds, len(cases), 2))
-    for number in range(rounds):
-        for k, ours in enumerate(measures):
-            for which in (1, 0) if number % 2 else (0, 1):
-                found[number, k, which] = other() if which else ours()
+    found = peers.in_pairs([(rate(*case), other) for case in cases], rounds)
     other.close()
     lines = []
-    for (contacts, worlds), pairs in zip(cases, np.moveaxis(found, 1, 0), strict=True):
-        ratios, (mine, theirs) = pairs[:, 0] / pairs[:, 1], np.median(pairs, axis=0)
-        spread = f"{statistics.median(ratios):.1f} [{ratios.min():.1f}, {ratios.max():.1f}]"
-        lines.append([contacts, str(worlds), f"{mine:.0f}", f"{theirs:.0f}", spread])
+    for (contacts, worlds), rates in zip(cases, found, strict=True):
+        mine, theirs = np.median(rates, axis=0)
+        lines.append(
+            [contacts, str(worlds), f"{mine:.0f}", f"{theirs:.0f}", peers.spread(rates[:, 0] / rates[:, 1], 1)]
+        )
     show("pusht-throughput", ("contacts", "worlds", "steps/s", "gym-pusht, steps/s", "ratio"), lines, keep)
 
 
@@ -111,12 +104,22 @@ def pushes(count: int, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return pusher, block, along
 
 
-def in_gym_pusht(peer: Peer, pusher: np.ndarray, block: np.ndarray, actions: np.ndarray) -> np.ndarray:
+def gym_pusht(python: Path = peers.PYTHON) -> Worker:
+    """Return a process of gym-pusht, see ``studies/benchmarks/peers_worker.py``."""
+    return Worker(python, peers.WORKER, "pusht")
+
+
+def steps(peer: Worker, actions: np.ndarray) -> np.ndarray:
+    """Take control periods with actions (periods, 2) in gym-pusht; return states and coverage after each, (periods, 8)."""
+    return np.array(peer.ask("steps", actions.tolist()))
+
+
+def in_gym_pusht(peer: Worker, pusher: np.ndarray, block: np.ndarray, actions: np.ndarray) -> np.ndarray:
     """Return poses (count, 3) of the T in gym-pusht after actions (count, periods, 2) from states as of :func:`pushes`."""
     found = np.empty_like(block)
     for k, each in enumerate(actions):
         peer.ask("set", [*pusher[k], *block[k]])
-        found[k] = peer.steps(each)[-1, 4:7]
+        found[k] = steps(peer, each)[-1, 4:7]
     return found
 
 
@@ -130,7 +133,7 @@ def cells(start: np.ndarray, theirs: np.ndarray, ours: np.ndarray, gap: np.ndarr
 def difference(python: Path, keep: bool, count: int = PUSHES, replays: int = REPLAYS) -> None:
     """Measure the difference of the T's motion after the same pushes."""
     lines = []
-    with Peer(python) as peer:
+    with gym_pusht(python) as peer:
         for name, number, speed, pace, periods in (
             ("a period, 100 px/s", count, 100.0, 0.0, 1),
             ("a period, 400 px/s", count, 400.0, 0.0, 1),
@@ -161,7 +164,7 @@ def difference(python: Path, keep: bool, count: int = PUSHES, replays: int = REP
     show("pusht-difference", heads, lines, keep)
 
 
-def play(seed: int, policy: Planner, contacts: str, peer: Peer | None = None, periods: int = PERIODS) -> Played:
+def play(seed: int, policy: Planner, contacts: str, peer: Worker | None = None, periods: int = PERIODS) -> Played:
     """Play an episode in gym-pusht, if a peer is given, else with ``contacts``."""
     batch, actions, coverage, planning = PushT(1, contacts), [], [], 0.0
     observation = batch.reset([seed])[0]
@@ -177,7 +180,7 @@ def play(seed: int, policy: Planner, contacts: str, peer: Peer | None = None, pe
             step = batch.step(actions[-1][None])
             observation, share = step.observation[0], float(step.coverage[0])
         else:
-            state = peer.steps(actions[-1][None])[0]
+            state = steps(peer, actions[-1][None])[0]
             share = float(state[7])
         coverage.append(share)
     block = batch.block[0] if state is None else state[4:7]
@@ -187,7 +190,7 @@ def play(seed: int, policy: Planner, contacts: str, peer: Peer | None = None, pe
 def episodes(python: Path, keep: bool, count: int = EPISODES) -> None:
     """Play the policy in both simulators."""
     lines = []
-    with Peer(python) as peer:
+    with gym_pusht(python) as peer:
         for simulator, model in PAIRS:
             policy, foreign = Planner(model), simulator == "gym-pusht"
             contacts = model if foreign else simulator
@@ -225,7 +228,7 @@ def picture(python: Path, path: Path) -> None:
     batches = {contacts: PushT(1, contacts) for contacts in reversed(CONTACTS)}
     figure = Figure(figsize=(9.6, 7.4), layout="constrained")
     axes = figure.subplots(1 + len(batches), COLUMNS)
-    with Peer(python) as peer:
+    with gym_pusht(python) as peer:
         actions = play(FIRST_SEED, Planner("delayed"), "delayed", peer).actions
         peer.ask("reset", FIRST_SEED)
         for batch in batches.values():
@@ -233,7 +236,7 @@ def picture(python: Path, path: Path) -> None:
         taken = 0
         for column, stop in enumerate(np.linspace(0, len(actions), COLUMNS).round().astype(int)):
             if stop > taken:
-                peer.steps(actions[taken:stop])
+                steps(peer, actions[taken:stop])
             image = np.array(peer.ask("picture"), dtype=np.uint8)
             axes[0, column].imshow(image, extent=(0.0, SIZE, SIZE, 0.0))
             axes[0, column].set_title(f"{0.1 * stop:.1f} s", fontsize=9)
@@ -276,21 +279,15 @@ def main() -> None:
     )
     parser.add_argument("--picture", type=Path, default=Path("docs/pusht.png"), metavar="PNG")
     asked = parser.parse_args()
-    try:
-        for name in asked.studies:
-            checks.choice("STUDY", name, STUDIES)
-        checks.count("--episodes", asked.episodes)
-        if not asked.python.exists():
-            raise checks.conflict(f"--python {asked.python} is missing: gym-pusht requires make peers")
-    except ValueError as error:
-        parser.error(str(error))
     run = {
         "throughput": partial(throughput, asked.python, asked.keep),
         "difference": partial(difference, asked.python, asked.keep),
-        "play": partial(episodes, asked.python, asked.keep, asked.episodes),
+        "play": partial(episodes, asked.python, asked.keep, checks.count("--episodes", asked.episodes)),
         "picture": partial(picture, asked.python, asked.picture),
     }
-    for name in asked.studies or STUDIES:
+    if not asked.python.exists():
+        parser.error(f"--python {asked.python} is missing: gym-pusht requires make peers")
+    for name in [checks.choice("STUDY", name, STUDIES) for name in asked.studies] or STUDIES:
         run[name]()
 
 

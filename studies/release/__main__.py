@@ -10,24 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agents import command_line
-from agents.command_line import Command
 from studies.release import distributions, installation
 from studies.release.results import ROOT, Failed, Row, table
 from vibgym import checks, files
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments."""
-    parser.add_argument("--tag", metavar="TAG", help="tag of the release, v and the version, to be checked")
-    parser.add_argument(
-        "--extras", default="play", metavar="NAMES", help="extras to install (default: play); play,learn also runs SAC"
-    )
-    parser.add_argument(
-        "--pythons",
-        default=",".join(installation.MINORS),
-        metavar="LIST",
-        help="versions to test, such as 3.11,3.12; empty: none",
-    )
 
 
 def requested_versions(arguments: argparse.Namespace) -> list[str]:
@@ -78,13 +63,19 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-COMMAND = Command(add_arguments, run, "directory of sdist and wheel (default: dist)")
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    description = "Build sdist and wheel, inspect them, and run the examples with them on every available Python."
-    return command_line.run("python -m studies.release", description, COMMAND, argv, extra="dev")
+    program = "python -m studies.release"
+    parser = argparse.ArgumentParser(program, description=__doc__)
+    parser.add_argument("--tag", help="tag of the release, v and the version, to be checked")
+    parser.add_argument("--extras", default="play", help="extras to install (default: play); play,learn also runs SAC")
+    parser.add_argument(
+        "--pythons", default=",".join(installation.MINORS), help="versions to test, such as 3.11,3.12; empty: none"
+    )
+    parser.add_argument("--output", type=Path, metavar="DIR", help="directory of sdist and wheel (default: dist)")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+    arguments = parser.parse_args(argv)
+    return command_line.guarded(program, lambda: run(arguments), extra="dev")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Command line: ``python -m studies.rivals NAME`` compares the segmented surface with the other machines of Table 1.1.
+"""The segmented surface and the other machines of Table 1.1: ``python -m studies.rivals NAME``.
 
 - ``figures`` evaluates all machines on the tasks and writes ``results/rivals.csv``; ``--task`` updates one task.
 - ``push`` writes ``results/rivals-push.csv``: the largest simultaneous pushes of each machine on several parts.
@@ -13,57 +13,36 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agents import command_line
-from agents.command_line import Command, Entry
+from studies import common
+from studies.rivals import figures, film, reach
+from vibgym import checks
 
 
-def figures(arguments: argparse.Namespace) -> None:
-    """Evaluate, and write the table."""
-    from studies.rivals.figures import EPISODES, FIGURES, merged, read, rows, written
-    from vibgym import checks
-
-    for each in arguments.task or ():
-        checks.choice("--task", each, tuple(EPISODES))
-    path = (arguments.output or Path()) / FIGURES
-    chosen = {task: EPISODES[task] for task in EPISODES if task in (arguments.task or EPISODES)}
-    found = rows(chosen, report=(lambda _: None) if arguments.quiet else lambda text: print(text, flush=True))
-    print(f"table: {written(path, merged(read(path), found))}")
-
-
-def push(arguments: argparse.Namespace) -> None:
-    """Solve the linear programmes, and write the table."""
-    from studies.rivals.figures import PUSH, written
-    from studies.rivals.reach import rows
-
-    print(f"table: {written((arguments.output or Path()) / PUSH, rows())}")
-
-
-def film(arguments: argparse.Namespace) -> None:
-    """Write the film."""
-    from studies.rivals.film import write
-
-    print(f"film: {write(arguments.output or Path())}")
-
-
-ROOT = "directory of results/ and docs/ (default: the current one)"
-
-COMMANDS = {
-    "figures": Command(lambda parser: command_line.some(parser, "--task"), figures, ROOT),
-    "push": Command(lambda parser: None, push, ROOT),
-    "film": Command(lambda parser: None, film, ROOT),
-}
-
-HELP = {
-    "figures": "evaluate all machines on the tasks: results/rivals.csv",
-    "push": "largest simultaneous pushes on several parts: results/rivals-push.csv",
-    "film": "a moving squeeze line: docs/squeeze-line.gif",
-}
+def run(asked: argparse.Namespace) -> int:
+    """Run a command; return the exit code."""
+    if asked.name == "film":
+        print(f"film: {film.write(asked.output)}")
+    elif asked.name == "push":
+        print(f"table: {figures.store(asked.output / figures.PUSH, reach.rows())}")
+    else:
+        for task in asked.task:
+            checks.choice("--task", task, tuple(figures.EPISODES))
+        chosen = {task: count for task, count in figures.EPISODES.items() if task in (asked.task or figures.EPISODES)}
+        rows = figures.rows(chosen, report=lambda text: None if asked.quiet else print(text, flush=True))
+        print(f"table: {figures.store(asked.output / figures.FIGURES, rows)}")
+    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    entries = {name: Entry("studies.rivals.__main__", help) for name, help in HELP.items()}
-    description = "Compare the segmented surface with the other machines of Table 1.1."
-    return command_line.run_one_of("python -m studies.rivals", description, entries, argv)
+    parser = common.parser(__doc__, keep=False)
+    parser.add_argument("name", metavar="NAME", choices=("figures", "push", "film"), help="figures, push or film")
+    parser.add_argument("--output", type=Path, default=Path(), metavar="DIR", help="directory of results/ and docs/")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+    command_line.some(parser, "--task")
+    parser.set_defaults(task=[])
+    asked = parser.parse_args(argv)
+    return command_line.guarded("python -m studies.rivals", lambda: run(asked))
 
 
 if __name__ == "__main__":

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from agents.evaluation.statistics import interval_of, success_interval
+from studies.common import LEVEL, RESAMPLES
 from studies.rivals.by_turns import ByTurnsPolicy
 from studies.rivals.machines import register
 from studies.rivals.policies import rival_policy
 from vibgym import Surface
 from vibgym.envs.vector import batch_of, environment_id
-from vibgym.files import csv_text, output_directory, write_atomically
+from vibgym.files import output_directory, write_atomically
 from vibgym.policies.measures import MeasuredOutcomes, Measures
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
@@ -25,8 +26,6 @@ from vibgym.simulation.plant import top_slip
 
 FIGURES, PUSH = Path("results/rivals.csv"), Path("results/rivals-push.csv")
 """Files of the tables; :mod:`studies.rivals.reach` computes the second."""
-
-LEVEL, RESAMPLES = 0.95, 9999
 
 EPISODES: Mapping[str, int] = {"Transport": 200, "Align": 200, "Rotate": 200, "Sort": 100, "SortTwelve": 40}
 """Task -> number of episodes, seeds 0, 1, ..."""
@@ -131,23 +130,13 @@ def rows(episodes: Mapping[str, int], report: Callable[[str], Any] = lambda _: N
     return result
 
 
-def read(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a table; none if the file does not exist."""
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def merged(old: Sequence[Mapping[str, Any]], new: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Return the new rows and the old rows of other tasks, in the order of the tasks."""
-    fresh = {row["task"] for row in new}
-    both = [*(row for row in old if row["task"] not in fresh), *new]
-    return sorted(both, key=lambda row: tuple(EPISODES).index(row["task"]))
-
-
-def written(path: Path, lines: Sequence[Mapping[str, Any]]) -> Path:
-    """Write a table; return its path."""
+def store(path: Path, lines: Sequence[Mapping[str, Any]]) -> Path:
+    """Write rows as CSV; return the path. Rows of other tasks stay, in the order of the tasks."""
+    table = pd.DataFrame(lines)
+    if "task" in table and path.exists():
+        before = pd.read_csv(path, dtype=str)
+        table = pd.concat([before[~before["task"].isin(table["task"])], table])
+        table = table.iloc[np.argsort([list(EPISODES).index(task) for task in table["task"]], kind="stable")]
     output_directory(path.parent)
-    write_atomically(path, csv_text(lines))
+    write_atomically(path, table.to_csv(index=False))
     return path

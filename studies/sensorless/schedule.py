@@ -10,6 +10,7 @@ The policy depends on time only. The goal is part of the schedule: ``reset(optio
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -19,22 +20,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
+from vibgym.config import json_values, load_yaml
 from vibgym.fields import squeeze, tangential
+from vibgym.files import write_atomically
 from vibgym.policies.classical.measured import check_state, recall
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.scene.surface import Surface
-
-KIND = "vibgym-schedule"
 
 COLUMNS = ("x", "y", "angle", "towards", "along", "swirl", "reach")
 """Of a field: centre (m); direction of the first squeeze line (rad from +x); strength of the push towards it, and of the push
 along it towards the centre; strength of the swirl about the centre, counter-clockwise (1: full amplitude); distance at
 which all three are at full strength (m)."""
 
-MAX_SEGMENTS = 1000
-MIN_REACH, MAX_REACH = 1e-4, 1e3
-MAX_STRENGTH, MAX_PLACE, MAX_SECONDS = 1e3, 1e3, 1e6
+MIN_REACH, MAX = 1e-4, 1e3
+"""m, least reach; largest magnitude of any value of a field and of a goal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,21 +56,19 @@ class Schedule:
     friction: float
 
     def __post_init__(self) -> None:
-        if np.ndim(self.seconds) != 1 or not 1 <= len(self.seconds) <= MAX_SEGMENTS:
-            raise checks.refuse("seconds", self.seconds, f"one number for each of 1 to {MAX_SEGMENTS} segments")
-        segments = len(self.seconds)
+        segments = np.size(self.seconds)
+        if np.shape(self.seconds) != (segments,) or not segments:
+            raise checks.refuse("seconds", self.seconds, "one number for each segment")
         if np.shape(self.fields) != (segments, len(COLUMNS)):
             raise checks.refuse("fields", f"shape {np.shape(self.fields)}", f"shape {(segments, len(COLUMNS))}")
-        fields = np.array(checks.array("fields", self.fields, (segments, len(COLUMNS))))
-        checks.array("fields: places, angles", fields[:, :3], (segments, 3), least=-MAX_PLACE, most=MAX_PLACE)
-        checks.array("fields: strengths", fields[:, 3:6], (segments, 3), least=-MAX_STRENGTH, most=MAX_STRENGTH)
-        checks.array("fields: reach", fields[:, 6], (segments,), least=MIN_REACH, most=MAX_REACH)
-        seconds = np.array(checks.array("seconds", self.seconds, (segments,), least=0.0, most=MAX_SECONDS))
-        goal = np.array(checks.array("goal", self.goal, (3,), least=-MAX_PLACE, most=MAX_PLACE))
+        fields = np.array(checks.array("fields", self.fields, (segments, len(COLUMNS)), least=-MAX, most=MAX))
+        checks.array("fields: reach", fields[:, 6], (segments,), least=MIN_REACH)
+        seconds = np.array(checks.array("seconds", self.seconds, (segments,), least=0.0))
+        goal = np.array(checks.array("goal", self.goal, (3,), least=-MAX, most=MAX))
         for name, value in (("fields", fields), ("seconds", seconds), ("goal", goal)):
             value.setflags(write=False)
             object.__setattr__(self, name, value)  # the class is frozen
-        object.__setattr__(self, "friction", checks.number("friction", self.friction, least=0.0, most=1e3))
+        object.__setattr__(self, "friction", checks.number("friction", self.friction, least=0.0, most=MAX))
 
     @property
     def total(self) -> float:
@@ -144,29 +141,20 @@ class SchedulePolicy:
 
 
 def save_schedule(path: Path, schedule: Schedule, surface: Surface, training: Mapping[str, Any]) -> None:
-    """Write a schedule for :func:`load_schedule`, with a record of how it was found.
-
-    Raises:
-        ValueError: the name does not end in ``.json``.
-    """
-    tensors = {"fields": schedule.fields, "seconds": schedule.seconds, "goal": schedule.goal}
-    record = {"surface": asdict(surface), "friction": schedule.friction, "training": dict(training)}
-    save_set(path, KIND, tensors, record)
+    """Write a schedule for :func:`load_schedule` as JSON, with a record of how it was found."""
+    content = {**asdict(schedule), "surface": surface, "training": dict(training)}
+    write_atomically(path, json.dumps(json_values(content), indent=1) + "\n")
 
 
 def read_schedule(path: Path) -> tuple[Schedule, dict[str, Any]]:
-    """Return a schedule and its file's record.
+    """Return a schedule and its file's content.
 
     Raises:
         ValueError: the file is missing, damaged, or contains no schedule.
     """
-    tensors, record = load_set(path, KIND)
-    missing = {"fields", "seconds", "goal"} - set(tensors)
-    if missing:
-        raise checks.refuse(f"{path}: tensors", f"no {', '.join(sorted(missing))}", "fields, seconds and goal")
+    content = load_yaml(path)
     with checks.within(path):
-        schedule = Schedule(tensors["fields"], tensors["seconds"], tensors["goal"], record.get("friction"))  # type: ignore[arg-type]
-    return schedule, record
+        return Schedule(*map(content.get, ("fields", "seconds", "goal", "friction"))), content  # type: ignore[arg-type]
 
 
 def load_schedule(path: Path, info: TaskInfo) -> SchedulePolicy:
@@ -175,10 +163,7 @@ def load_schedule(path: Path, info: TaskInfo) -> SchedulePolicy:
     Raises:
         ValueError: see :func:`read_schedule`, or another task or surface.
     """
-    schedule, record = read_schedule(path)
-    mine, theirs = asdict(info.surface), record.get("surface")
-    if theirs != mine:
-        given = theirs if isinstance(theirs, dict) else {}
-        other = {name: given.get(name) for name in mine if given.get(name) != mine[name]}
-        raise checks.refuse(f"{path}: surface", other, f"a schedule for { ({name: mine[name] for name in other}) }")
+    schedule, content = read_schedule(path)
+    if content.get("surface") != asdict(info.surface):
+        raise checks.refuse(f"{path}: surface", content.get("surface"), f"a schedule for {asdict(info.surface)}")
     return SchedulePolicy(info, schedule)

@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from studies.sensorless.play import Trials, cost, draw_trials, errors_of, play
-from studies.sensorless.schedule import MAX_REACH, MIN_REACH, Schedule
+from studies.sensorless.schedule import MAX, MIN_REACH, Schedule
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
 from vibgym.fields import DEFAULT_REACH
@@ -48,7 +48,7 @@ def decoded(numbers: np.ndarray, goal: np.ndarray, seconds: float, friction: flo
     fields[:, :2] = np.clip(goal[:2] + rows[:, :2] * CENTRE_UNITS, -100.0, 100.0)
     fields[:, 2] = np.clip(goal[2] + ANGLE_UNIT * rows[:, 2], -100.0, 100.0)
     fields[:, 3:6] = np.clip(rows[:, 3:6], -100.0, 100.0)
-    fields[:, 6] = np.clip(DEFAULT_REACH * _factor(rows[:, 6]), MIN_REACH, MAX_REACH)
+    fields[:, 6] = np.clip(DEFAULT_REACH * _factor(rows[:, 6]), MIN_REACH, MAX)
     lasts = seconds / len(rows) * _factor(rows[:, 7])
     ends = np.round(np.cumsum(lasts) * min(seconds / lasts.sum(), 1.0) / step)
     return Schedule(fields, step * np.diff(ends, prepend=0.0), goal, friction)

@@ -13,13 +13,16 @@ from __future__ import annotations
 
 import math
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from studies import common
+from studies.benchmarks import pose_control
+from studies.kept import show
 from vibgym import Part, Simulator, Surface
 from vibgym.envs import VibgymVectorEnv
-from vibgym.policies import make_policy
 from vibgym.scene.parts import shipped_part
 from vibgym.seeds import RANGES
 
@@ -51,19 +54,20 @@ def ends(part: Part, amplitude: np.ndarray, phase: np.ndarray, seed: int, **sett
 
 
 def fields(worlds: int = 48, seed: int = 300_000) -> None:
-    """Print the differences."""
-    rng = np.random.default_rng(seed)
+    """Show the differences."""
+    rng, lines = np.random.default_rng(seed), []
     shape = worlds, SQUARE.rows, SQUARE.columns
     share, phase = rng.uniform(0, 1, shape), rng.uniform(-math.pi, math.pi, shape)
     for name in PARTS:
         for amplitude in AMPLITUDES:
             a_v = amplitude * (SQUARE.max_amplitude or 0.0) * share
-            ours = ends(shipped_part(name), a_v, phase, seed)
-            print(f"{name}, {amplitude:g} of the amplitude, median of {worlds}:")
-            for against, settings in AGAINST.items():
+            ours, cells = ends(shipped_part(name), a_v, phase, seed), []
+            for settings in AGAINST.values():
                 gap = ours - ends(shipped_part(name), a_v, phase, seed, **settings)
                 place, turn = np.median(np.hypot(gap[:, 0], gap[:, 1])), np.median(np.abs(gap[:, 2]))
-                print(f"  {against:16} {1e3 * place:6.2f} mm {math.degrees(turn):6.2f} deg", flush=True)
+                cells.append(f"{1e3 * place:.2f} mm, {math.degrees(turn):.2f} deg")
+            lines.append([name, f"{amplitude:g}", *cells])
+    show("fields", ("part", "amplitude", *AGAINST), lines)
 
 
 # -- means -------------------------------------------------------------------------------------------------------------
@@ -88,17 +92,15 @@ def gained(part: str, model: str, size: float, turning: bool, worlds: int) -> np
 
 
 def means(worlds: int = 96) -> None:
-    """Print the shares."""
-    print("part, wrench, size | planar | tilting, its deviation | share delivered")
+    """Show the shares."""
+    lines = []
     for part in PARTS:
         for name, turning, unit in (("force", False, "m/s"), ("torque", True, "rad/s")):
             for size in SIZES:
                 flat, rigid = (gained(part, model, size, turning, worlds) for model in ("planar", "tilting"))
-                print(
-                    f"{part:16} {name:6} {size:4.2f} | {flat.mean():6.3f} {unit} | {rigid.mean():6.3f} +- {rigid.std():.3f} "
-                    f"| {rigid.mean() / flat.mean():.2f}",
-                    flush=True,
-                )
+                cells = f"{flat.mean():.3f} {unit}", f"{rigid.mean():.3f} +- {rigid.std():.3f}"
+                lines.append([part, name, f"{size:.2f}", *cells, f"{rigid.mean() / flat.mean():.2f}"])
+    show("means", ("part", "wrench", "size", "planar", "tilting, its deviation", "share delivered"), lines)
 
 
 # -- hold --------------------------------------------------------------------------------------------------------------
@@ -109,33 +111,18 @@ MODELS: dict[str, Any] = {
     "ramps of 1 mm": {"kind": "tilting", "ramp_mm": 1.0},
     "restitution 0.5": {"kind": "tilting", "restitution": 0.5},
 }
-STEPS = 200
-
-
-def held(kind: str, model: Any, part: str, worlds: int) -> tuple[float, float]:
-    """Return the rms of position (mm) and heading (deg)."""
-    settings: dict[str, Any] = {"parts": [part], "task_settings": {"hold": 250}}  # so that no episode ends in success
-    policy = make_policy(kind, VibgymVectorEnv("Align", num_envs=1, **settings))
-    spaces = {"action": policy.action, "observation": policy.observation}
-    env = VibgymVectorEnv("Align", num_envs=worlds, model=model, **spaces, **settings)
-    observation, _ = env.reset(seed=list(RANGES["held_out"][:worlds]))
-    state, start, errors = None, np.ones(worlds, dtype=bool), []
-    for _ in range(STEPS):
-        action, state = policy.predict(observation, state, start)
-        observation, _, terminated, truncated, info = env.step(action)
-        start = terminated | truncated
-        errors.append((info["position_error"], info["heading_error"]))
-    position, heading = np.sqrt((np.array(errors[STEPS // 2 :]) ** 2).mean(axis=(0, 2)))
-    return 1e3 * float(position), math.degrees(float(heading))
 
 
 def hold(worlds: int = 64) -> None:
-    """Print the table."""
+    """Show the table."""
+    lines, seeds = [], RANGES["held_out"][:worlds]
     for part, policies in {"aluminium_block": ("pose", "learned"), "steel_block": ("pose",)}.items():
         for policy in policies:
             for name, model in MODELS.items():
-                position, heading = held(policy, model, part, worlds)
-                print(f"{part:16} {policy:8} {name:16} {position:.3f} mm {heading:.3f} deg", flush=True)
+                held = pose_control.hold(policy, part, seeds, 8.0, 4.0, model=model)
+                position, heading = (float(np.sqrt((errors**2).mean())) for errors in (held.distance, held.turn))
+                lines.append([part, policy, name, f"{1e3 * position:.3f} mm", f"{math.degrees(heading):.3f} deg"])
+    show("hold", ("part", "policy", "model", "position", "heading"), lines)
 
 
 # -- cost --------------------------------------------------------------------------------------------------------------
@@ -175,30 +162,28 @@ def tilted(part: Part, share: float, level: bool) -> float:
     return float(np.median(found))
 
 
-def flat(part: Part, periods: int) -> tuple[float, float, float]:
+def flat(part: Part, periods: int) -> str:
     """Return us per period of flat parts: planar, tilting, and the median ratio."""
-    both = [scene(part, model, 0) for model in ("planar", "tilting")]
-    start, found = both[0].pose, []
-    for turn in range(6 * ROUNDS):
-        row = []
-        for each in both:
-            if turn % 3 == 0:
-                each.reset(start)
-            began = time.process_time()
-            each.advance(0.3 * LARGEST, 0.3 * turn, periods)
-            row.append(1e6 * (time.process_time() - began) / WORLDS / periods)
-        found.append(row)
-    planar, tilting = np.median(found, axis=0)
-    return planar, tilting, float(np.median([b / a for a, b in found]))
+    both = {model: scene(part, model, 0) for model in ("planar", "tilting")}
+    start, calls = both["planar"].pose, {}
+    for model, simulator in both.items():
+        calls[model] = partial(simulator.advance, 0.3 * LARGEST, 0.3, periods)
+    took: dict[str, list[np.ndarray]] = {model: [] for model in both}
+    for _ in range(2 * ROUNDS):
+        for simulator in both.values():
+            simulator.reset(start)
+        for model, times in common.interleaved(calls, 3, 0, time.process_time).items():
+            took[model].append(1e6 * times / WORLDS / periods)
+    planar, tilting = (np.concatenate(took[model]) for model in both)
+    return f"{np.median(planar):.2f}, {np.median(tilting):.2f}, {np.median(tilting / planar):.3f}"
 
 
 def cost() -> None:
-    """Print the table."""
-    heads = "part: us a period on level ground, on random fields at a quarter and at full amplitude"
-    print(f"{heads}; flat: planar, tilting, ratio")
+    """Show the table."""
+    lines = []
     for part in (*map(shipped_part, PARTS), Part.disc(0.020, friction=0.5, name="20 mm disc")):
         costs = [tilted(part, 0.25, True), tilted(part, 0.25, False), tilted(part, 1.0, False)]
-        lying = ", ".join("{:.2f} {:.2f} {:.3f}".format(*flat(part, periods)) for periods in (1, 5))
-        print(
-            f"{part.name:16} {costs[0]:.0f} {costs[1]:.0f} {costs[2]:.0f}; one period a call, five: {lying}", flush=True
-        )
+        lines.append([part.name, *(f"{us:.0f}" for us in costs), *(flat(part, periods) for periods in (1, 5))])
+    flats = (f"flat, {text}: planar, tilting, ratio" for text in ("one period a call", "five"))
+    heads = ("us per period", "level ground", "random fields, a quarter of the amplitude", "full amplitude", *flats)
+    show("cost", heads, lines)

@@ -21,7 +21,7 @@ def test_the_control_loop_knows_what_it_is_given():
 
 def test_rows_compare_episodes_that_both_solve():
     found = {"identified": [2.0, 1.1, np.nan], "true": [2.0, 1.0, 1.0], "nominal": [np.nan]}
-    assert study.row(found) == ["66.6667 %, 1.55 s", "100 %, 1.00 s", "0 %", "+3.3 %", "+3.3 %"]
+    assert study.row(found) == ["66.7 %, 1.55 s", "100.0 %, 1.00 s", "0.0 %, –", "+3.3 %", "+3.3 %"]
 
 
 def test_a_small_run_prints_and_stores(monkeypatch, capsys, tmp_path):
@@ -40,7 +40,7 @@ def test_a_small_run_prints_and_stores(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(sys, "argv", ["study", *options, "--output", str(tmp_path)])
     study.main()
     (line,) = [each for each in capsys.readouterr().out.splitlines() if "`local_field`" in each]
-    assert line.count("100 %") >= 2 and "+0.0 %" in line
+    assert line.count("100.0 %") >= 2 and "+0.0 %" in line
     (path,) = tmp_path.glob("*.json")
     assert set(json.loads(path.read_text())) == set(study.knowledge(machine, fitted(None, force=True)))
     monkeypatch.setattr(study, "fit", None)  # stored results are reused

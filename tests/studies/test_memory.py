@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from studies.benchmarks import memory
-from studies.benchmarks.memory import CONDITIONS, HARDEST, IDEAL, MEMORIES, Condition
+from studies.benchmarks.memory import CONDITIONS, IDEAL, MEMORIES, Condition
 from tests.envs.helpers import batch
 
 
@@ -26,18 +26,6 @@ def test_the_number_of_steps_covers_the_age_of_readings(condition):
     assert share[0] == pytest.approx(condition.dropout**missed, rel=0.25) and share[0] < 0.0115 < share[1]
 
 
-def test_rows_differ_in_memory_alone():
-    condition = Condition(2, 0.3)
-    settings = {name: memory.memory(name, condition) for name in MEMORIES}
-    assert [each["history"] for each in settings.values()] == [0, 1, condition.steps, condition.steps] == [0, 1, 7, 7]
-    assert [bool(each["history_columns"]) for each in settings.values()] == [False, False, False, True]
-    assert (
-        "age" in settings[MEMORIES[-1]]["history_columns"]
-        and "age" not in memory.memory(MEMORIES[-1], Condition(4))["history_columns"]
-    )
-    assert set(HARDEST) < set(CONDITIONS) and not memory.trained(MEMORIES[1], IDEAL)
-
-
 def test_a_small_run_prints_both_tables(monkeypatch, capsys):
     monkeypatch.setattr(memory, "CONDITIONS", (IDEAL, Condition(2, 0.5)))
     monkeypatch.setattr(memory, "HARDEST", ())
@@ -49,6 +37,7 @@ def test_a_small_run_prints_both_tables(monkeypatch, capsys):
     assert cells[0] == ["hardware", "n", *MEMORIES] and cells[2][2:] == [cells[2][2], "–", "–", "–"]
     assert cells[3][:2] == ["delay 2, dropout 50 %", "10"] and cells[3][-1] == "–" and "–" not in cells[3][2:5:4]
     assert all("%" in cell and "mm" in cell for cell in (cells[2][2], *cells[3][2:5], *cells[6][1:]))
+    assert [memory.memory(name, Condition(2, 0.3))["history"] for name in MEMORIES] == [0, 1, 7, 7]
     assert cells[6][0] == cells[3][0] and cells[6][3].startswith("100.0 %")  # the controller with the model
 
 

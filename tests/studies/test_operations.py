@@ -1,4 +1,4 @@
-"""Counts of the kernel's operations."""
+"""Counts of the kernel's operations, and times of the stages of a step."""
 
 import json
 import os
@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from studies.benchmarks import operations
+from studies.benchmarks import costs, operations
 
 RUN = """
 import json
@@ -34,3 +34,9 @@ def test_the_counted_kernel_moves_parts_as_the_compiled_one():
     assert 16 * (found["load"] + found["store"]) / 2 >= found["cache_bytes"] > 4 * (found["load"] + found["store"])
     # A block of 50 x 40 mm lies on two or more rows of elements; a cache line holds eight elements of a row.
     assert 2 * 2 * operations.LINE < found["memory_bytes"] < 2 * 8 * 256
+
+
+def test_times_of_stages_add_up_to_the_step():
+    found = costs.shares("vibgym/Align-v0", 2, 1, action="field")
+    assert {"decode", "advance", "score", "write_observations", "rest"} <= found["stages"].keys()
+    assert min(found["stages"].values()) > 0.0 and found["stages"]["advance"] > found["stages"]["allocate"]

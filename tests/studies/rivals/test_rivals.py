@@ -1,13 +1,11 @@
 """Other machines of Table 1.1, compared with the segmented surface."""
 
 import math
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from studies.manual import published
 from studies.rivals import figures
 from studies.rivals.__main__ import main
 from studies.rivals.by_turns import ByTurnsPolicy
@@ -44,15 +42,6 @@ def uniform_values(shape, seed=1):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, shape)
 
 
-@pytest.mark.parametrize("name", MACHINES)
-def test_pushes_are_within_the_limit(name):
-    tested = machine(name)
-    push = tested.pushes(uniform_values((50, tested.size)))
-    assert push.shape == (50, 8, 32, 2)
-    assert np.hypot(push[..., 0], push[..., 1]).max() <= 1.0 + 1e-12
-    assert (tested.pushes(np.zeros((1, tested.size))) == 0.0).all()
-
-
 def test_a_stroke_pushes_around_its_centre_with_uniform_strength():
     plate, centre = machine("plate"), np.array([0.2, 0.05])
     stroke = np.array([centre[1] - 0.5 * SURFACE.depth, 0.5 * SURFACE.width - centre[0], plate.half])
@@ -82,7 +71,11 @@ def test_cells_push_along_their_own_axis(name):
 
 
 @pytest.mark.parametrize("name", MACHINES)
-def test_elements_move_as_commanded(name):
+def test_elements_move_as_commanded_within_the_limit(name):
+    tested = machine(name)
+    push = tested.pushes(uniform_values((50, tested.size)))
+    assert push.shape == (50, 8, 32, 2) and np.hypot(push[..., 0], push[..., 1]).max() <= 1.0 + 1e-12
+    assert (tested.pushes(np.zeros((1, tested.size))) == 0.0).all()
     env = batch_of(environment_id("Transport"), num_envs=3, action=name)
     env.reset(seed=[1, 2, 3])
     action = uniform_values((3, env.unwrapped.core.action.size)).astype(np.float32)
@@ -146,33 +139,18 @@ def test_shares_of_the_push_depend_on_degrees_of_freedom():
 
 @pytest.mark.parametrize("name", ["plate", "conveyor", "one-way"])
 def test_machines_solve_transport(name):
-    results, first = (played(each, "Transport", 6) for each in (name, "segmented"))
+    results, first = (played(machine, "Transport", 6) for machine in (name, "segmented"))
     row = row_of(name, "Transport", results, first)
     assert row["success"] == 1.0 and row["success_low"] < 1.0 and not row["fallen"]
     ratio = results.time_to_goal / first.time_to_goal
     assert row["time_ratio"] == pytest.approx(np.exp(np.log(ratio).mean()))
 
 
-def test_the_plate_sorts():
+def test_the_plate_sorts_and_requires_zones():
     assert played("plate", "Sort", 2).success.all()
-
-
-def test_the_page_includes_the_tables():
-    page = (ROOT / "docs/rivals.md").read_text(encoding="utf-8")
-    for name, make in (("rivals", published.rivals), ("rivals-push", published.rivals_push)):
-        assert f"```{{include}} generated/{name}.md\n" in page
-        assert all(
-            title in make() for title in ("segmented surface", "rigid plate, as fast", "conveyor cells, one way")
-        )
-    first = figures.read(ROOT / figures.FIGURES)[1]
-    assert f"{float(first['time_median']):.2f} s, x {float(first['time_ratio']):.2f}" in published.rivals()
-
-
-def test_the_code_block_of_the_page_moves_the_part():
-    (block,) = re.findall(r"^```python\n(.*?)^```", (ROOT / "docs/rivals.md").read_text(encoding="utf-8"), re.M | re.S)
-    namespace = {}
-    exec(block, namespace)
-    assert namespace["simulator"].state.pose[0, 0, 0] == pytest.approx(0.1 + 0.1 * 100 * SURFACE.period, abs=0.015)
+    info = TaskInfo.of(batch_of(environment_id("Transport"), num_envs=1, action="plate"))
+    with pytest.raises(ValueError, match="by turns"):
+        ByTurnsPolicy(info, "plate")
 
 
 def test_the_film_shows_the_line_and_the_parts():
@@ -182,18 +160,13 @@ def test_the_film_shows_the_line_and_the_parts():
     assert (pictures[0] != pictures[1]).any() and (ROOT / FILM).stat().st_size < 1e6
 
 
-def test_the_policy_by_turns_requires_zones():
-    env = batch_of(environment_id("Transport"), num_envs=1, action="plate")
-    info = TaskInfo.of(env)
-    env.close()
-    with pytest.raises(ValueError, match="by turns"):
-        ByTurnsPolicy(info, "plate")
-
-
-def test_new_rows_replace_those_of_their_task():
-    old = [{"task": "Sort", "machine": "plate"}, {"task": "Align", "machine": "plate"}]
-    found = figures.merged(old, [{"task": "Sort", "machine": "conveyor"}])
-    assert found == [{"task": "Align", "machine": "plate"}, {"task": "Sort", "machine": "conveyor"}]
+def test_new_rows_replace_those_of_their_task(tmp_path):
+    path = tmp_path / "results" / "rivals.csv"
+    figures.store(
+        path, [{"task": "Sort", "machine": "plate", "time": 1.5}, {"task": "Align", "machine": "plate", "time": 0.1}]
+    )
+    figures.store(path, [{"task": "Sort", "machine": "conveyor", "time": math.nan}])
+    assert path.read_text() == "task,machine,time\nAlign,plate,0.1\nSort,conveyor,\n"
 
 
 def test_unknown_tasks_are_rejected(capsys):

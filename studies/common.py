@@ -1,4 +1,4 @@
-"""Argument parser, hardware models and timing shared by the benchmarks."""
+"""Argument parser, hardware models, cells, stored results and timing shared by the benchmarks."""
 
 from __future__ import annotations
 
@@ -7,18 +7,25 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
+from agents.evaluation.statistics import Interval, quartiles
+from agents.evaluation.table import quantity
 from studies.kept import argument
+from vibgym.files import write_atomically
 
 HARDWARE: dict[str, dict[str, Any]] = {
     "ideal": {},
     "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
 }
 """Arguments of environments by hardware model."""
+
+LEVEL, RESAMPLES = 0.95, 9999
+"""Of all intervals."""
 
 
 def parser(doc: str | None, keep: bool = True) -> argparse.ArgumentParser:
@@ -32,6 +39,23 @@ def parser(doc: str | None, keep: bool = True) -> argparse.ArgumentParser:
 def policy(text: str) -> Any:
     """Parse a policy of the command line: JSON, or a name or path."""
     return json.loads(text) if text.lstrip().startswith(("{", '"')) else text
+
+
+def outcome(
+    success: np.ndarray, time: np.ndarray, digits: int = 1, interval: Interval | None = None, note: str = ""
+) -> str:
+    """Format a success rate, its interval with a note, and the median of finite times (s)."""
+    text = quantity(float(success.mean()), 100.0, digits, "%")
+    if interval is not None:
+        text += f" ({100 * interval.low:.{digits}f} to {100 * interval.high:.{digits}f}{note})"
+    return f"{text}, {quantity(quartiles(time).median, 1.0, 2, 's')}"
+
+
+def stored(path: Path, compute: Callable[[], Any]) -> Any:
+    """Return JSON values from a file, which is computed and written if it is missing."""
+    if not path.exists():
+        write_atomically(path, json.dumps(compute()))
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def interleaved(
@@ -51,7 +75,7 @@ def interleaved(
             began = clock()
             call()
             took[name].append(clock() - began)
-    return {name: np.array(each[warm:]) for name, each in took.items()}
+    return {name: np.array(times[warm:]) for name, times in took.items()}
 
 
 def step_costs(
