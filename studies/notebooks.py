@@ -35,8 +35,8 @@ LOCAL_PATHS = (str(ROOT), str(Path.home()), sys.prefix, tempfile.gettempdir() + 
 def names() -> list[str]:
     """Return the names of all notebooks, in reading order."""
     order = ("first_steps", "train_in_seconds", "speed_against_error")
-    found = {path.stem for path in FOLDER.glob("*.ipynb")}
-    return [*(name for name in order if name in found), *sorted(found - {*order})]
+    stems = {path.stem for path in FOLDER.glob("*.ipynb")}
+    return [*(name for name in order if name in stems), *sorted(stems - {*order})]
 
 
 def executed(notebook: Any, *, keep_errors: bool = False, env: dict[str, str] | None = None, **parameters: Any) -> Any:
@@ -55,7 +55,7 @@ def executed(notebook: Any, *, keep_errors: bool = False, env: dict[str, str] | 
     from nbclient import NotebookClient
 
     result = copy.deepcopy(notebook)
-    (cell,) = (each for each in result.cells if "parameters" in each.metadata.get("tags", ()))
+    (cell,) = (candidate for candidate in result.cells if "parameters" in candidate.metadata.get("tags", ()))
     source = cell.source
     known = [line.partition(" = ")[0] for line in source.splitlines()]
     for name in parameters:
@@ -82,7 +82,7 @@ def tidied(notebook: Any) -> Any:
     for cell in result.cells:
         cell.metadata = {key: value for key, value in cell.metadata.items() if key == "tags"}
         if cell.cell_type == "code":
-            cell.outputs = [each for each in cell.outputs if each.get("name") != "stderr"]
+            cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
     return result
 
 

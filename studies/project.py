@@ -14,8 +14,8 @@ GITHUB = "https://github.com/"
 def repository(pyproject: Path = PYPROJECT) -> str | None:
     """Return the address of the repository: ``Repository`` in ``[project.urls]`` of pyproject.toml; None if there is none."""
     urls = tomllib.loads(pyproject.read_text(encoding="utf-8"))["project"].get("urls", {})
-    found = urls.get("Repository")
-    return None if found is None else found.removesuffix("/").removesuffix(".git")
+    address = urls.get("Repository")
+    return None if address is None else address.removesuffix("/").removesuffix(".git")
 
 
 def colab(path: str, pyproject: Path = PYPROJECT) -> str | None:

@@ -77,7 +77,7 @@ def compare(one: Simulator, other: Simulator) -> tuple[np.ndarray, np.ndarray, i
 
 def spread(values: np.ndarray) -> list[str]:
     """Format median, 95th percentile and maximum."""
-    return [f"{each:.2g}" for each in (np.median(values), np.percentile(values, 95), values.max())]
+    return [f"{value:.2g}" for value in (np.median(values), np.percentile(values, 95), values.max())]
 
 
 SPREADS = ("position: median", "95 %", "largest (mm)", "heading: median", "95 %", "largest (deg)")
@@ -154,7 +154,7 @@ def speed_against_error(surface: Surface, keep: bool) -> None:
             simulator.advance(scene[2], scene[3], PERIODS)
             best = min(best, time.perf_counter() - start)
         numbers = [np.median(position), np.percentile(position, 95), np.median(heading)]
-        texts = [f"{each:.4f} {unit}" for each, unit in zip(numbers, ("mm", "mm", "deg"), strict=True)]
+        texts = [f"{number:.4f} {unit}" for number, unit in zip(numbers, ("mm", "mm", "deg"), strict=True)]
         lines.append([f"{steps} x {substeps}", *texts, f"{1e6 * best / WORLDS / PERIODS:.2f} us"])
     heads = ("cuts x Runge-Kutta steps", "position: median", "95 %", "heading: median", "per period and core")
     show("accuracy-speed", heads, lines, keep)

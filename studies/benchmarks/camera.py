@@ -74,7 +74,7 @@ def accuracy() -> list[Row]:
             errors = fit_errors(Setup(Surface(), blocks, Settings(lines=lines, edge=edge), 0.04))
             total = np.sqrt(errors.fixed**2 + errors.white**2)
             for k, block in enumerate(blocks):
-                heading, fixed, white = np.degrees([each[k, 2] for each in (total, errors.fixed, errors.white)])
+                heading, fixed, white = np.degrees([error[k, 2] for error in (total, errors.fixed, errors.white)])
                 name = block.name.replace("_", " ")
                 rows.append([
                     f"{name}, {LINES[lines]}, {EDGES[edge]}: position, heading (of which fixed, new at each sample)",
@@ -136,7 +136,7 @@ def identities(lines: str, edge: str, frames: int = 1000) -> list[Row]:
     for before, now in zip(poses[:-1], poses[1:], strict=True):
         sensor.sample(state_of(now, before))
         total += sensor.track.count[0]
-        order, then = (np.sign(each[:, None, 0] - each[:, 0]) for each in (before, now))
+        order, then = (np.sign(side[:, None, 0] - side[:, 0]) for side in (before, now))
         crossings += int((order != then).sum()) // 2
         error = sensor.due.pose[0] - now
         worst = max(worst, float(np.abs(error[sensor.due.seen[0]][:, :2]).max()))

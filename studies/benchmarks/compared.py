@@ -43,14 +43,14 @@ def main() -> None:
         "--run", type=Path, default=Path("runs/agents-compared"), help="output directory of make compare"
     )
     asked = parser.parse_args()
-    found = json.loads((asked.run / "compare.json").read_text(encoding="utf-8"))
-    gaps = {(gap["task"], gap["hardware"], gap["first"]): gap["iqm"] for gap in found["differences"]}
-    rows = pd.DataFrame(found["results"])
+    results = json.loads((asked.run / "compare.json").read_text(encoding="utf-8"))
+    gaps = {(gap["task"], gap["hardware"], gap["first"]): gap["iqm"] for gap in results["differences"]}
+    rows = pd.DataFrame(results["results"])
     rows = rows[rows["training_seed"].isna() & ~rows["policy"].str.contains("ladder")]
     numbers = ["time_iqm_s", "time_iqm_low_s", "time_iqm_high_s", "collisions_mean"]
     rows = rows.astype(dict.fromkeys(numbers, float))
     lines = [line(row, gaps.get((row.task, row.hardware, row.policy))) for row in rows.itertuples()]
-    show("compared", HEADS, lines, asked.keep, {**found, "command": "make compare"})
+    show("compared", HEADS, lines, asked.keep, {**results, "command": "make compare"})
 
 
 if __name__ == "__main__":

@@ -116,8 +116,8 @@ def measure(task: str, policy: Any, settings: dict[str, Any], cycles: int) -> li
     shares = 1e3 * np.quantile(computing, [0.5, 0.99, 0.999])
     below = 100.0 * np.mean(1e3 * computing < TARGET)
     return [
-        f"{done}", f"{middle:.2f} ({low:.1f} to {high:.1f})", ", ".join(f"{each:.2f}" for each in shares), f"{below:.2f} %",
-        ", ".join(f"{1e3 * each:.2f}" for each in np.quantile(processor, [0.5, 0.999])), f"{missed}", f"{len(stops)} of {runs}",
+        f"{done}", f"{middle:.2f} ({low:.1f} to {high:.1f})", ", ".join(f"{share:.2f}" for share in shares), f"{below:.2f} %",
+        ", ".join(f"{1e3 * took:.2f}" for took in np.quantile(processor, [0.5, 0.999])), f"{missed}", f"{len(stops)} of {runs}",
         f"{growth:+.1f} ({growth / max(hours, 1e-9):+.0f} per hour)",
     ]  # fmt: skip
 

@@ -193,13 +193,13 @@ def main() -> None:
     asked = parser.parse_args()
     quick, scenes = asked.quick, SCENES[:1] if asked.quick else SCENES
     about = {"command": "python -m studies.benchmarks.costs", **provenance(), "load": os.getloadavg()[0]}
-    found = {
+    costs = {
         "about": about,
         "roofline": in_a_process(1, roofline.measure, 2 if quick else roofline.ROUNDS),
         "stages": [{**scene, **in_a_process(1, shares, **scene)} for scene in scenes],
         "curves": {name: {threads: in_a_process(threads, curve, name, quick) for threads in (1, 2)} for name in CURVES},
     }
-    figures = json.dumps(found, indent=1) + "\n"
+    figures = json.dumps(costs, indent=1) + "\n"
     for text in performance.tables(json.loads(figures)).values():
         print(text, end="\n\n")
     if asked.keep:

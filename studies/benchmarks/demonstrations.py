@@ -65,16 +65,16 @@ def learn(task: str, method: str, count: int, seed: int, steps: int | None, epis
     settings = settings.model_copy(update={"own": own, "steps": steps or settings.steps, "selection": None})
     with Training(settings, output / f"{task}-{method}-{count}" / f"seed-{seed}", quiet=True) as training:
         path = training.run()
-    found = rollout({"kind": "trained", "path": str(path)}, task, seeds=RANGES["held_out"][:episodes])
-    print(f"{task}, {method}, {count} demonstrations, seed {seed}: {cell([found])}", flush=True)
-    return found
+    result = rollout({"kind": "trained", "path": str(path)}, task, seeds=RANGES["held_out"][:episodes])
+    print(f"{task}, {method}, {count} demonstrations, seed {seed}: {cell([result])}", flush=True)
+    return result
 
 
-def cell(found: Sequence[Outcomes]) -> str:
+def cell(runs: Sequence[Outcomes]) -> str:
     """Return success with its interval, that of each training, and the median time of successes."""
-    success = np.stack([each.success for each in found]).astype(np.float64)
+    success = np.stack([run.success for run in runs]).astype(np.float64)
     spread = success_interval(success, LEVEL, RESAMPLES)
-    times = np.concatenate([outcomes.time_to_goal for outcomes in found])
+    times = np.concatenate([outcomes.time_to_goal for outcomes in runs])
     rates = ", ".join(f"{100 * rate:.0f}" for rate in success.mean(axis=1))
     return common.outcome(success, times, 1, spread, f"; {rates}")
 
@@ -105,9 +105,9 @@ def main() -> None:
             for case in cases
             for seed in range(asked.seeds)
         ]
-        found = iter(parallel.run(learn, calls, workers=asked.processes))
+        results = iter(parallel.run(learn, calls, workers=asked.processes))
         for name, count in cases:
-            of_seeds = [next(found) for _ in range(asked.seeds)]
+            of_seeds = [next(results) for _ in range(asked.seeds)]
             lines.append([METHODS[task][name].title, f"{count}", cell(of_seeds)])
         policy = record.load_settings(RECORDINGS[task]).policy
         expert = rollout(policy, task, seeds=RANGES["held_out"][: asked.episodes])

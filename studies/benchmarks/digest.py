@@ -54,8 +54,8 @@ def parts() -> dict[str, Part]:
 def hashed(*arrays: Any) -> str:
     """Return the first 16 digits of the SHA-256 of arrays' shapes, types and bytes."""
     digest = hashlib.sha256()
-    for each in arrays:
-        values = np.ascontiguousarray(each)
+    for array in arrays:
+        values = np.ascontiguousarray(array)
         digest.update(f"{values.shape} {values.dtype}".encode())
         digest.update(values.tobytes())
     return digest.hexdigest()[:16]
@@ -76,9 +76,9 @@ def simulated(
         record.append((simulator.pose, simulator.velocity, simulator.mean_velocity))
     flags = (simulator.fallen, simulator.sticking, simulator.doubtful, simulator.diverged)
     return {
-        "pose": hashed(*(each[0] for each in record)),
-        "velocity": hashed(*(each[1] for each in record)),
-        "mean_velocity": hashed(*(each[2] for each in record)),
+        "pose": hashed(*(state[0] for state in record)),
+        "velocity": hashed(*(state[1] for state in record)),
+        "mean_velocity": hashed(*(state[2] for state in record)),
         "flags": hashed(*flags),
         "statistics": json.dumps(simulator.statistics),
         "sum": repr(float(np.abs(record[-1][0]).sum())),
@@ -153,10 +153,10 @@ def played(task: str, seed: int, steps: int = 50, worlds: int = 10, limit: int =
             infos += [np.asarray(info[name]) for name in INFO if name in info]
             terms += [np.asarray(value) for name, value in info["reward_terms"].items() if not name.startswith("_")]
         env.close()
-        flat = [each[key] for each in seen for key in sorted(each)] if isinstance(seen[0], dict) else seen
+        flat = [obs[key] for obs in seen for key in sorted(obs)] if isinstance(seen[0], dict) else seen
         return {
-            "pose": hashed(*(each[0] for each in states)),
-            "velocity": hashed(*(each[1] for each in states)),
+            "pose": hashed(*(state[0] for state in states)),
+            "velocity": hashed(*(state[1] for state in states)),
             "reward": hashed(*rewards),
             "terms": hashed(*terms),
             "ends": hashed(*ends),
@@ -244,14 +244,14 @@ def check(chosen: str, path: Path) -> int:
     if stored["host"] != host():
         print(f"written on another host: {stored['host']}, here {host()}", file=sys.stderr)
     differing = 0
-    found = measure(chosen)
-    for name, row in found.items():
+    digests = measure(chosen)
+    for name, row in digests.items():
         then = stored["scenes"].get(name, {})
         columns = [key for key in row if then.get(key) != row[key]]
         if columns:
             differing += 1
             print(f"{name}: {', '.join(columns)}   sum {then.get('sum')} -> {row['sum']}")
-    print(f"{len(found) - differing} of {len(found)} scenes have the same bits")
+    print(f"{len(digests) - differing} of {len(digests)} scenes have the same bits")
     return differing
 
 

@@ -62,7 +62,7 @@ class Spline(NamedTuple):
         """Return samples."""
         t = np.linspace(0.0, 1.0, DENSE // len(self.control), endpoint=False)[:, None]
         weights = [(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3]
-        curves = [sum(w * p for w, p in zip(weights, each, strict=True)) for each in self.beziers()]
+        curves = [sum(w * p for w, p in zip(weights, bezier, strict=True)) for bezier in self.beziers()]
         return np.concatenate([*curves, curves[0][:1]])
 
 
@@ -224,19 +224,19 @@ def truth(of: Case) -> Truth:
     import shapely
 
     matrix = np.eye(3)
-    for each in of.frames:
-        matrix = each.matrix @ matrix
+    for frame in of.frames:
+        matrix = frame.matrix @ matrix
     rings = []
     for ring in of.rings:
-        points = np.concatenate([each.points()[:-1] for each in ring])
+        points = np.concatenate([edge.points()[:-1] for edge in ring])
         rings.append(UNITS[of.unit] * (points @ matrix[:2, :2].T + matrix[:2, 2]))
     polygon = shapely.Polygon(rings[0], rings[1:])
     assert polygon.is_valid, shapely.is_valid_reason(polygon)
     triangles = shapely.constrained_delaunay_triangles(polygon)
-    corners = np.array([np.array(each.exterior.coords)[:3] for each in triangles.geoms])
+    corners = np.array([np.array(triangle.exterior.coords)[:3] for triangle in triangles.geoms])
     a, b, c = (corners[:, k] - np.array(polygon.centroid.coords)[0] for k in range(3))
     areas = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2.0
-    squares = sum((each**2).sum(axis=1) for each in (a, b, c, a + b + c)) / 12.0
+    squares = sum((corner**2).sum(axis=1) for corner in (a, b, c, a + b + c)) / 12.0
     size = float(np.ptp(rings[0], axis=0).max())
     return Truth(polygon.area, np.array(polygon.centroid.coords)[0], float((areas * squares).sum() / areas.sum()), size)
 
@@ -260,28 +260,28 @@ def as_dxf(of: Case, draw: random.Random, polylines: float = 0.4) -> Any:
 
 
 def _add_ring(where: Any, ring: Ring, draw: random.Random, polylines: float) -> None:
-    if all(isinstance(each, Line | Arc) for each in ring) and draw.random() < polylines:
+    if all(isinstance(edge, Line | Arc) for edge in ring) and draw.random() < polylines:
         pieces: list[Any] = list(ring)
         if len(ring) == 1:  # a circle is two arcs
             centre, radius = ring[0].centre, ring[0].radius  # type: ignore[union-attr]
             pieces = [Arc(centre, radius, k * math.pi, math.pi) for k in range(2)]
-        corners = [(*each.points()[0], math.tan(each.sweep / 4.0) if isinstance(each, Arc) else 0.0) for each in pieces]
+        corners = [(*edge.points()[0], math.tan(edge.sweep / 4.0) if isinstance(edge, Arc) else 0.0) for edge in pieces]
         add = draw.choice([where.add_lwpolyline, where.add_polyline2d])
         add(corners, format="xyb", close=True)
         return
-    for each in draw.sample(ring, len(ring)):
-        if isinstance(each, Line):
-            where.add_line(*draw.sample([each.a, each.b], 2))
-        elif isinstance(each, Arc) and abs(each.sweep) > 6.28:
-            where.add_circle(each.centre, each.radius)
-        elif isinstance(each, Arc):
-            begin, end = sorted([each.begin, each.begin + each.sweep])
-            where.add_arc(each.centre, each.radius, math.degrees(begin), math.degrees(end))
-        elif isinstance(each, Ellipse):
-            axis = (each.major * math.cos(each.turn), each.major * math.sin(each.turn))
-            where.add_ellipse((0.0, 0.0), axis, each.minor / each.major)
+    for edge in draw.sample(ring, len(ring)):
+        if isinstance(edge, Line):
+            where.add_line(*draw.sample([edge.a, edge.b], 2))
+        elif isinstance(edge, Arc) and abs(edge.sweep) > 6.28:
+            where.add_circle(edge.centre, edge.radius)
+        elif isinstance(edge, Arc):
+            begin, end = sorted([edge.begin, edge.begin + edge.sweep])
+            where.add_arc(edge.centre, edge.radius, math.degrees(begin), math.degrees(end))
+        elif isinstance(edge, Ellipse):
+            axis = (edge.major * math.cos(edge.turn), edge.major * math.sin(edge.turn))
+            where.add_ellipse((0.0, 0.0), axis, edge.minor / edge.major)
         else:
-            control = [*each.control, *each.control[:3]]
+            control = [*edge.control, *edge.control[:3]]
             where.add_open_spline(control, degree=3, knots=list(range(len(control) + 4)))
 
 
@@ -306,17 +306,17 @@ def _svg_ring(ring: Ring, draw: random.Random) -> str:
     if isinstance(first, Ellipse):
         return f'<ellipse rx="{first.major!r}" ry="{first.minor!r}" transform="rotate({math.degrees(first.turn)!r})"/>'
     if isinstance(first, Spline):
-        curves = [" ".join(f"{float(v)!r}" for v in each[1:].ravel()) for each in first.beziers()]
+        curves = [" ".join(f"{float(v)!r}" for v in bezier[1:].ravel()) for bezier in first.beziers()]
         begin = first.beziers()[0, 0]
         return f'<path d="M {float(begin[0])!r} {float(begin[1])!r} C {" ".join(curves)}"/>'
     if isinstance(first, Arc) and len(ring) == 1:
         return f'<circle cx="{first.centre[0]!r}" cy="{first.centre[1]!r}" r="{first.radius!r}"/>'
     data = "M {!r} {!r}".format(*map(float, first.points()[0]))
-    for each in ring:
-        x, y = map(float, each.points()[-1])
-        if isinstance(each, Arc):
-            large, sweep = int(abs(each.sweep) > math.pi), int(each.sweep > 0.0)
-            data += f" A {each.radius!r} {each.radius!r} 0 {large} {sweep} {x!r} {y!r}"
+    for edge in ring:
+        x, y = map(float, edge.points()[-1])
+        if isinstance(edge, Arc):
+            large, sweep = int(abs(edge.sweep) > math.pi), int(edge.sweep > 0.0)
+            data += f" A {edge.radius!r} {edge.radius!r} 0 {large} {sweep} {x!r} {y!r}"
         else:
             data += f" L {x!r} {y!r}"
     return f'<path d="{data}{draw.choice([" Z", ""])}"/>'
@@ -327,7 +327,7 @@ def as_mesh(of: Case) -> Any:
     import shapely
     import trimesh
 
-    rings = [np.concatenate([each.points()[:-1:60] for each in ring]) for ring in of.rings]
+    rings = [np.concatenate([edge.points()[:-1:60] for edge in ring]) for ring in of.rings]
     return trimesh.creation.extrude_polygon(shapely.Polygon(rings[0], rings[1:]), of.thickness)
 
 
@@ -339,8 +339,8 @@ def write(of: Case, path: Path, seed: int) -> Truth:
         return truth(of)
     if of.kind == "svg":
         path.write_text("\n".join(as_svg(of, draw)), encoding="utf-8")
-        found = truth(of)
-        return found._replace(centre=found.centre * [1.0, -1.0])
+        properties = truth(of)
+        return properties._replace(centre=properties.centre * [1.0, -1.0])
     mesh = as_mesh(of)
     content = mesh.export(file_type=draw.choice(["stl", "stl_ascii"]))
     path.write_bytes(content.encode() if isinstance(content, str) else content)

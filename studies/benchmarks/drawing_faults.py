@@ -61,8 +61,8 @@ def _spoiled_dxf(of: Case, fault: str, draw: random.Random) -> Fault:
     elif fault == "in a hole":
         expected = [space.add_circle((0.0, 0.0), draw.uniform(1.0, 3.0))]
     elif fault == "self-intersecting":
-        for each in [*lines, *arcs, *circles]:
-            space.delete_entity(each)
+        for entity in [*lines, *arcs, *circles]:
+            space.delete_entity(entity)
         expected = [space.add_lwpolyline([(0, 0), (50, 40), (50, 0), (0, draw.uniform(20.0, 40.0))], close=True)]
     elif fault == "unknown units":
         document.header["$INSUNITS"] = 0
@@ -76,12 +76,12 @@ def _spoiled_dxf(of: Case, fault: str, draw: random.Random) -> Fault:
         expected = [space.add_circle((0.0, 0.0, draw.uniform(0.1, 9.0)), 2.0)]
     else:
         expected = []
-        for each in [*lines, *arcs, *circles]:
-            space.delete_entity(each)
+        for entity in [*lines, *arcs, *circles]:
+            space.delete_entity(entity)
     stream = io.StringIO()
     document.write(stream)
     words = {"unknown units": ("units=",), "too large": ("smaller than the table",), "no outline": ("no outline",)}
-    handles = tuple(f"{each.dxftype()} {each.dxf.handle}" for each in expected)
+    handles = tuple(f"{entity.dxftype()} {entity.dxf.handle}" for entity in expected)
     return Fault(stream.getvalue().encode(), words.get(fault, handles))
 
 

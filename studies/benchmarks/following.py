@@ -66,9 +66,9 @@ HEADS = (
 )  # fmt: skip
 
 
-def line(found: Followed, tolerance: tuple[float, float]) -> list[str]:
+def line(followed: Followed, tolerance: tuple[float, float]) -> list[str]:
     """Return the cells of a row."""
-    errors = found.errors
+    errors = followed.errors
     away, turned = np.hypot(errors[..., 0], errors[..., 1]), np.abs(errors[..., 2])
     rms = np.sqrt(np.nanmean(away**2, axis=0)).max(axis=-1)
     kept = (np.nanmax(away, axis=(0, 2)) <= tolerance[0]) & (np.nanmax(turned, axis=(0, 2)) <= tolerance[1])
@@ -76,7 +76,7 @@ def line(found: Followed, tolerance: tuple[float, float]) -> list[str]:
         f"{1e3 * np.median(rms):.3f} ({1e3 * rms.max():.3f}) mm",
         quantity(np.nanmax(away), 1e3, 2, "mm"),
         quantity(np.degrees(np.nanmax(turned)), 1.0, 2, "deg"),
-        quantity(np.nanmin(found.gap) if errors.shape[2] > 1 else np.nan, 1e3, 1, "mm"),
+        quantity(np.nanmin(followed.gap) if errors.shape[2] > 1 else np.nan, 1e3, 1, "mm"),
         quantity(kept.mean(), 100.0, 1, "%"),
     ]
 
@@ -93,8 +93,8 @@ def main() -> None:
     lines = []
     for hardware in arguments.hardware:
         for name in arguments.paths:
-            found = follow(arguments.policy, PATHS[name], arguments.worlds, **HARDWARE[hardware])
-            lines.append([hardware, name, *line(found, tolerance)])
+            followed = follow(arguments.policy, PATHS[name], arguments.worlds, **HARDWARE[hardware])
+            lines.append([hardware, name, *line(followed, tolerance)])
     show("following", HEADS, lines, arguments.keep)
 
 

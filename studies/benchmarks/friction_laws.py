@@ -60,18 +60,18 @@ def costs(rounds: int) -> dict[str, str]:
         calls[name] = lambda now=simulator, a=amplitude, p=phase, at=start: (now.reset(at), now.advance(a, p, 5))
     took = common.interleaved(calls, rounds, 2, time.process_time)
     first = took["constant"]
-    return {name: f"{np.median(each / first):.1f} x" for name, each in took.items()}
+    return {name: f"{np.median(times / first):.1f} x" for name, times in took.items()}
 
 
 def error(law: dict[str, Any] | None) -> float:
     """Return the median distance after one second to the result of finer steps and cells, m."""
-    found = []
+    poses = []
     for settings in ({}, {"steps": 72, "substeps": 8, "pieces": 8}):
         simulator, start, amplitude, phase = scene(law, TESTED, settings)
         simulator.reset(start)
         simulator.advance(amplitude, phase, 25)
-        found.append(np.where(simulator.fallen[..., None], np.nan, simulator.pose)[:, 0, :2])
-    return float(np.nanmedian(np.hypot(*np.subtract(*found).T)))
+        poses.append(np.where(simulator.fallen[..., None], np.nan, simulator.pose)[:, 0, :2])
+    return float(np.nanmedian(np.hypot(*np.subtract(*poses).T)))
 
 
 def top_speed(law: dict[str, Any] | None) -> float:
@@ -96,8 +96,8 @@ def main() -> None:
     for name, law in LAWS.items():
         cells = []
         for policy in POLICIES.values():
-            found = rollout(policy, "Align", seeds=seeds, parts=[block(law)])
-            cells.append(common.outcome(found.success, found.time_to_goal))
+            result = rollout(policy, "Align", seeds=seeds, parts=[block(law)])
+            cells.append(common.outcome(result.success, result.time_to_goal))
         lines.append([name, cost[name], f"{1e6 * error(law):.0f} um", f"{1e3 * top_speed(law):.0f} mm/s", *cells])
         print(*lines[-1], flush=True)
     heads = ("factor on friction", "cost", "error", "top speed", *(f"Align, `{name}`" for name in POLICIES))

@@ -70,12 +70,12 @@ def knowledge(machine: Machine, fitted: Fitted) -> dict[str, Known]:
     surface = replace(NOMINAL, frequency=machine.surface.frequency)
     parts = [shipped_part(name) for name in PARTS]
     usual = Camera(noise_position=1e-4, noise_heading=math.radians(0.2))
-    found = camera_of(fitted)
+    camera = camera_of(fitted)
     return {
-        "identified": known_of(fitted.surface, fitted.parts, fitted.actuators, found),
+        "identified": known_of(fitted.surface, fitted.parts, fitted.actuators, camera),
         "true": known_of(machine.surface, machine.parts, machine.actuators, machine.camera),
         "nominal": known_of(surface, parts, {"kind": "prototype"}, usual),
-        "nominal, identified camera": known_of(surface, parts, {"kind": "prototype"}, found),
+        "nominal, identified camera": known_of(surface, parts, {"kind": "prototype"}, camera),
     }
 
 
@@ -138,26 +138,26 @@ def stored(seed: int, task: str, policy: str, asked: Any) -> dict[str, list[floa
     name = f"{seed}-{task}-{policy}-{asked.seconds:g}-{asked.episodes}-{asked.nominal}-{asked.first_seed}.json"
 
     def compute() -> dict[str, list[float]]:
-        machine, found = drawn(seed), {}
+        machine, by_knowledge = drawn(seed), {}
         for known, parameters in knowledge(machine, identified(seed, asked)).items():
             episodes = asked.nominal if known.startswith("nominal") else asked.episodes
             seeds = range(asked.first_seed, asked.first_seed + episodes)
-            found[known] = times(task, policy, machine, parameters, seeds).tolist()
-        return found
+            by_knowledge[known] = times(task, policy, machine, parameters, seeds).tolist()
+        return by_knowledge
 
     return common.stored(asked.output / name, compute)
 
 
-def row(found: dict[str, Sequence[float]]) -> list[str]:
+def row(by_knowledge: dict[str, Sequence[float]]) -> list[str]:
     """Return the cells of a line: every set of parameters, and by how much identified ones change the median and the mean time
     of the episodes that both they and the true ones solve."""
-    a, b = (np.array(found[name]) for name in ("identified", "true"))
+    a, b = (np.array(by_knowledge[name]) for name in ("identified", "true"))
     both = np.isfinite(a) & np.isfinite(b)
-    cells = [common.outcome(np.isfinite(took), np.array(took)) for took in found.values()]
+    cells = [common.outcome(np.isfinite(took), np.array(took)) for took in by_knowledge.values()]
     if not both.any():
         return [*cells, "–", "–"]
     change = (100.0 * (of(a[both]) / of(b[both]) - 1.0) for of in (np.median, np.mean))
-    return [*cells, *(f"{each:+.1f} %" for each in change)]
+    return [*cells, *(f"{percent:+.1f} %" for percent in change)]
 
 
 def main() -> None:
@@ -179,9 +179,9 @@ def main() -> None:
     for seed in asked.machines:
         for task in asked.tasks:
             for policy in asked.policies:
-                found = stored(seed, task, policy, asked)
-                names = list(found)
-                lines.append([f"{seed}", task, f"`{policy}`", *row(found)])
+                by_knowledge = stored(seed, task, policy, asked)
+                names = list(by_knowledge)
+                lines.append([f"{seed}", task, f"`{policy}`", *row(by_knowledge)])
     heads = ("machine", "task", "policy", *names, f"median time, identified to true (target {TARGET:g} %)", "mean")
     show("identified-control", heads, lines, asked.keep)
 

@@ -106,8 +106,8 @@ def learn(
 
     The agent without memory of the ideal condition is also run in all others with the estimator of the model.
     """
-    given = {"environment": {**ACTION, "sensor": condition.sensor()}, "ppo": {**LEARNING, **memory(name, condition)}}
-    learner = PPO(settings_from({"task": TASK, "worlds": WORLDS, "steps": steps, "seed": seed, **given}))
+    own = {"environment": {**ACTION, "sensor": condition.sensor()}, "ppo": {**LEARNING, **memory(name, condition)}}
+    learner = PPO(settings_from({"task": TASK, "worlds": WORLDS, "steps": steps, "seed": seed, **own}))
     try:
         learner.learn(steps, lambda metrics: None)
         policy = learner.acting()
@@ -115,18 +115,18 @@ def learn(
         learner.close()
     cases = [(condition, "none")]
     if (condition, name) == (IDEAL, MEMORIES[0]):
-        cases += [(each, "model") for each in CONDITIONS[1:]]
-    found = {case: play(policy, *case, episodes) for case in cases}
-    print(f"{condition}; {name}, training {seed}: {cell([found[cases[0]]])}", flush=True)
-    return found
+        cases += [(other, "model") for other in CONDITIONS[1:]]
+    played = {case: play(policy, *case, episodes) for case in cases}
+    print(f"{condition}; {name}, training {seed}: {cell([played[cases[0]]])}", flush=True)
+    return played
 
 
-def cell(found: Sequence[Outcomes]) -> str:
+def cell(runs: Sequence[Outcomes]) -> str:
     """Format outcomes of several trainings on the same seeds: success with interval, median time, position error."""
-    success = np.array([each.success for each in found])
+    success = np.array([run.success for run in runs])
     spread = success_interval(success, LEVEL, RESAMPLES)
     times, errors = (
-        np.concatenate([getattr(run, name) for run in found]) for name in ("time_to_goal", "position_error")
+        np.concatenate([getattr(run, name) for run in runs]) for name in ("time_to_goal", "position_error")
     )
     return f"{common.outcome(success, times, 1, spread)}, {quantity(quartiles(errors).median, 1e3, 1, 'mm')}"
 
@@ -140,18 +140,23 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=1)
     asked = parser.parse_args()
     seeds = range(FIRST_TRAINING, FIRST_TRAINING + asked.seeds)
-    cases = [(each, name) for each in CONDITIONS for name in MEMORIES if trained(name, each)]
+    cases = [(condition, name) for condition in CONDITIONS for name in MEMORIES if trained(name, condition)]
     items = [(*case, seed, asked.steps, asked.episodes) for case in cases for seed in seeds]
-    found = parallel.run(learn, items, workers=asked.processes)
+    results = parallel.run(learn, items, workers=asked.processes)
     cells = dict.fromkeys(product(CONDITIONS, MEMORIES), "–")
     for k, case in enumerate(cases):
-        cells[case] = cell([each[case[0], "none"] for each in found[k * asked.seeds : (k + 1) * asked.seeds]])
-    lines = [[str(each), str(each.steps), *(cells[each, name] for name in MEMORIES)] for each in CONDITIONS]
+        cells[case] = cell([result[case[0], "none"] for result in results[k * asked.seeds : (k + 1) * asked.seeds]])
+    lines = [
+        [str(condition), str(condition.steps), *(cells[condition, name] for name in MEMORIES)]
+        for condition in CONDITIONS
+    ]
     show("memory", ("hardware", "n", *MEMORIES), lines, asked.keep)
     lines = []
-    for each in CONDITIONS[1:]:
-        controller = (cell([play(CONTROLLER, each, estimator, asked.episodes)]) for estimator in ESTIMATORS)
-        lines.append([str(each), *controller, cell([usual[each, "model"] for usual in found[: asked.seeds]])])
+    for condition in CONDITIONS[1:]:
+        controller = (cell([play(CONTROLLER, condition, estimator, asked.episodes)]) for estimator in ESTIMATORS)
+        lines.append(
+            [str(condition), *controller, cell([usual[condition, "model"] for usual in results[: asked.seeds]])]
+        )
     heads = ("hardware", *(f"`{CONTROLLER}`, estimator `{estimator}`" for estimator in ESTIMATORS))
     show("memory-estimators", (*heads, "no memory, estimator `model`"), lines, asked.keep)
 

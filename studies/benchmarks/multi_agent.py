@@ -74,7 +74,7 @@ class View(nn.Module):
 
     def __init__(self, layout: Any, parts: Any, turned: np.ndarray) -> None:
         super().__init__()
-        columns = [(each.name, each.width) for each in layout]
+        columns = [(row.name, row.width) for row in layout]
         seen = np.concatenate([np.full(width, name not in UNSEEN) for name, width in columns])
         half = np.linalg.matrix_power(turned_rows(columns, parts), 2) if turned.any() else np.eye(len(seen))
         codes = np.where(turned[:, None, None], half.T, np.eye(len(seen)))[..., seen]
@@ -191,7 +191,7 @@ def train(task: str, central: bool, steps: int, worlds: int, seed: int, blame: f
     env = BatchEnv(f"vibgym/{task}-v0", num_envs=worlds, **case.scene, **case.training)
     env.set_seed(seed)
     net, value = nets(task, env, central)
-    nearest = [each.start for each in env.parts_layout if each.name in ("neighbour_1_there", "neighbour_1_gap")]
+    nearest = [row.start for row in env.parts_layout if row.name in ("neighbour_1_there", "neighbour_1_gap")]
     actor = ProbabilisticActor(
         TensorDictModule(net, in_keys=[(GROUP, "observation")], out_keys=[(GROUP, "loc"), (GROUP, "scale")]),
         in_keys=[(GROUP, "loc"), (GROUP, "scale")],
@@ -251,20 +251,20 @@ def train(task: str, central: bool, steps: int, worlds: int, seed: int, blame: f
 
 def show(name: str, task: str, policy: Any, seeds: range, **more: Any) -> None:
     """Play episodes and print success, makespan and sum of costs, or where parts come and leave good parts a minute."""
-    found, arrived = rollout(policy, task, seeds=seeds, keep=Arrivals, **CASES[task].scene, **more)
-    good = found.reported("good_per_minute")
+    result, arrived = rollout(policy, task, seeds=seeds, keep=Arrivals, **CASES[task].scene, **more)
+    good = result.reported("good_per_minute")
     if np.isfinite(good).all():
-        lost = found.reported("lost_per_minute").mean()
+        lost = result.reported("lost_per_minute").mean()
         print(
             f"{name:20s} good parts a minute {good.mean():.1f} ({good.min():.1f} to {good.max():.1f}), lost {lost:.2f}",
             flush=True,
         )
         return
-    won = found.success
-    makespan = f"{np.median(found.time_to_goal[won]):.2f} s" if won.any() else "-"
+    won = result.success
+    makespan = f"{np.median(result.time_to_goal[won]):.2f} s" if won.any() else "-"
     costs = f"{np.median(arrived[won].sum(axis=1)):.2f} s" if won.any() else "-"
     print(
-        f"{name:20s} success {won.mean():6.1%}  makespan {makespan}  sum of costs {costs}  fallen {found.fallen.mean():.1%}",
+        f"{name:20s} success {won.mean():6.1%}  makespan {makespan}  sum of costs {costs}  fallen {result.fallen.mean():.1%}",
         flush=True,
     )
 
@@ -289,7 +289,7 @@ def main() -> None:
     )
     seeds = RANGES["held_out"][: asked.episodes]
     show(asked.algorithm, asked.task, learned, seeds)
-    for name, controller in (*CASES[asked.task].controllers.items(), *((str(each), each) for each in asked.beside)):
+    for name, controller in (*CASES[asked.task].controllers.items(), *((str(kind), kind) for kind in asked.beside)):
         show(name, asked.task, controller, seeds)
 
 

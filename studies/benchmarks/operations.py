@@ -145,9 +145,9 @@ def count() -> tuple[dict[str, float], np.ndarray]:
 
     read, lines = drive.element_phasor, set()
 
-    def recorded(given: Any, world: int, row: int, column: int) -> Any:
+    def recorded(array: Any, world: int, row: int, column: int) -> Any:
         lines.add((world, row, column * 8 // LINE))
-        return read(given, world, row, column)
+        return read(array, world, row, column)
 
     drive.element_phasor = recorded
     simulator, amplitude, phase = scene()
@@ -157,15 +157,15 @@ def count() -> tuple[dict[str, float], np.ndarray]:
         simulator.advance(amplitude, phase, 1)
         touched += len(lines)
         lines.clear()
-    each, bytes_moved = 1.0 / (WORLDS * PERIODS), counts.pop("bytes")
+    share, bytes_moved = 1.0 / (WORLDS * PERIODS), counts.pop("bytes")
     state = 2 * 8 * simulator.pose.shape[-1] * 2  # pose and velocity, read and written
-    found = {
-        **{kind: number * each for kind, number in sorted(counts.items())},
-        "flops": sum(counts[kind] for kind in FLOATING) * each,
-        "cache_bytes": bytes_moved * each,
-        "memory_bytes": 2 * LINE * touched * each + state,
+    totals = {
+        **{kind: number * share for kind, number in sorted(counts.items())},
+        "flops": sum(counts[kind] for kind in FLOATING) * share,
+        "cache_bytes": bytes_moved * share,
+        "memory_bytes": 2 * LINE * touched * share + state,
     }
-    return found, simulator.pose
+    return totals, simulator.pose
 
 
 def main() -> None:

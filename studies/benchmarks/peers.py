@@ -115,12 +115,12 @@ def single(name: str, **settings: Any) -> Rate:
 
 def in_pairs(pairs: Sequence[tuple[Rate, Rate]], rounds: int) -> np.ndarray:
     """Return rates (pairs, rounds, 2), measured consecutively, with the second of a pair first in every other round."""
-    found = np.empty((len(pairs), rounds, 2))
+    rates = np.empty((len(pairs), rounds, 2))
     for number in range(rounds):
         for k, pair in enumerate(pairs):
             for which in (1, 0) if number % 2 else (0, 1):
-                found[k, number, which] = pair[which]()
-    return found
+                rates[k, number, which] = pair[which]()
+    return rates
 
 
 def spread(ratios: np.ndarray, digits: int = 2) -> str:
@@ -174,13 +174,13 @@ def others(python: Path | None) -> dict[str, Rate]:
     sync: dict[str, Rate] = {
         f"{n} worlds": Batch("CartPole-v1", n, vectorization_mode="sync") for n in (16, 64, 256, 1024)
     }
-    found: dict[str, Rate] = {SYNC: fastest(SYNC, sync), CARTPOLE: single("CartPole-v1")}
+    peers: dict[str, Rate] = {SYNC: fastest(SYNC, sync), CARTPOLE: single("CartPole-v1")}
     if python is not None:
-        found[PUSHT] = Peer(python, "pusht", copies=cores)
+        peers[PUSHT] = Peer(python, "pusht", copies=cores)
         shapes = [(n, threads) for n in (256, 1024, 4096) for threads in sorted({1, cores})]
         pools: dict[str, Rate] = {f"{n} worlds, {t} threads": Peer(python, "envpool", n, t) for n, t in shapes}
-        found[POOL] = fastest(POOL, pools)
-    return found
+        peers[POOL] = fastest(POOL, pools)
+    return peers
 
 
 def main() -> None:

@@ -98,27 +98,27 @@ def main() -> None:
     parser.add_argument("--pages", type=int, default=1, help="number of pages on a server")
     parser.add_argument("--minutes", type=float, default=0.0, help="duration of the measurement of memory")
     parser.add_argument("--picture", type=Path, help="write a screenshot there instead of measuring")
-    given = parser.parse_args()
+    asked = parser.parse_args()
     process, address = served()
     try:
         with chromium() as browser:
-            pages = [browser.new_page(viewport={"width": 1280, "height": 900}) for _ in range(given.pages)]
+            pages = [browser.new_page(viewport={"width": 1280, "height": 900}) for _ in range(asked.pages)]
             for page in pages:
                 page.goto(address)
                 page.wait_for_function(WARM, timeout=180_000)
-            if given.picture is not None:
-                picture(pages[0], given.picture)
+            if asked.picture is not None:
+                picture(pages[0], asked.picture)
                 return
             before, began = [page.evaluate("() => window.vibgym.pictures") for page in pages], time.monotonic()
             drag(pages[0], 10.0)
             took = time.monotonic() - began
             rates = [(page.evaluate("() => window.vibgym.pictures") - then) / took for page, then in zip(pages, before)]
             delays = sorted(pages[0].evaluate("() => window.vibgym.delays"))
-            print(f"{TASK}, {given.pages} pages: " + ", ".join(f"{rate:.1f} frames/s" for rate in rates))
+            print(f"{TASK}, {asked.pages} pages: " + ", ".join(f"{rate:.1f} frames/s" for rate in rates))
             print(
                 f"mouse to image: median {delays[len(delays) // 2]:.1f} ms, 95 % {delays[int(0.95 * len(delays))]:.1f} ms"
             )
-            end, k = time.monotonic() + 60.0 * given.minutes, 0
+            end, k = time.monotonic() + 60.0 * asked.minutes, 0
             while time.monotonic() < end:
                 if k % 10 == 0:
                     print(
@@ -128,7 +128,7 @@ def main() -> None:
                 drag(pages[0], 2.0)
                 time.sleep(3.7)
                 k += 1
-            if given.minutes:
+            if asked.minutes:
                 print("at the end: server {:.1f} MB, page {:.2f} MB".format(*memory(process, pages[0])))
     finally:
         process.terminate()

@@ -195,14 +195,14 @@ def lines(table: Mapping[str, Any], episodes: int, results: list[list[MeasuredOu
     first = table.get("first_seed", RANGES["held_out"].start)
     for names, settings in rows(table):
         cases = [joined(settings, more) for more in table.get("columns", {"": {}}).values()]
-        found = [played(case, first, episodes) for case in cases]
-        results.append(found)
+        of_cases = [played(case, first, episodes) for case in cases]
+        results.append(of_cases)
         if "columns" in table:
-            cells = [FORMATS[table["cell"]](result, case) for result, case in zip(found, cases, strict=True)]
+            cells = [FORMATS[table["cell"]](result, case) for result, case in zip(of_cases, cases, strict=True)]
         else:
-            cells = [FORMATS[name](found[0], cases[0]) for name in table["cells"].values()]
+            cells = [FORMATS[name](of_cases[0], cases[0]) for name in table["cells"].values()]
         if "last" in table:
-            cells.append(f"{100.0 * (found[-1].success.mean() - found[-2].success.mean()):+.1f}")
+            cells.append(f"{100.0 * (of_cases[-1].success.mean() - of_cases[-2].success.mean()):+.1f}")
         print(*names, *cells, sep=" | ", flush=True)
         yield [*names, *cells]
 

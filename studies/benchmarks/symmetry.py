@@ -60,9 +60,9 @@ def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[
     with torch.no_grad():
         mean, _ = learner.policy.actor(torch.from_numpy(fresh.rows))
     error = float(np.sqrt(((mean.numpy() - fresh.action) ** 2).mean()))
-    found = rollout(learner.acting(), "Align", seeds=range(700_000, 700_100))
-    time = float(np.nanmedian(found.time_to_goal)) if found.success.any() else np.nan
-    return error, float(found.success.mean()), time
+    result = rollout(learner.acting(), "Align", seeds=range(700_000, 700_100))
+    time = float(np.nanmedian(result.time_to_goal)) if result.success.any() else np.nan
+    return error, float(result.success.mean()), time
 
 
 HEADS = ("samples", "symmetry", "error of actions", "success", "of each seed", "time to goal")
@@ -78,14 +78,14 @@ def main() -> None:
     lines = []
     for worlds in asked.worlds:
         for name, variant in VARIANTS.items():
-            found = np.array([learn(variant, worlds, asked.steps, seed) for seed in range(asked.seeds)])
-            error, success, time = found.mean(axis=0)
+            values = np.array([learn(variant, worlds, asked.steps, seed) for seed in range(asked.seeds)])
+            error, success, time = values.mean(axis=0)
             lines.append([
                 str(worlds * asked.steps),
                 name,
                 f"{error:.3f}",
                 quantity(success, 100.0, 1, "%"),
-                ", ".join(f"{100 * value:.0f}" for value in found[:, 1]) + " %",
+                ", ".join(f"{100 * value:.0f}" for value in values[:, 1]) + " %",
                 quantity(time, 1.0, 2, "s"),
             ])  # fmt: skip
     show("symmetry", HEADS, lines, asked.keep)

@@ -102,8 +102,8 @@ def main() -> None:
             rates[name].append(measure())
     print(f"{available_threads()} processors, torch with {torch.get_num_threads()} threads; medians of {asked.rounds}")
     first = float(np.median(next(iter(rates.values()))))
-    for name, found in rates.items():
-        rate = float(np.median(found))
+    for name, samples in rates.items():
+        rate = float(np.median(samples))
         target = f"   target {TARGETS[name]}" if name in TARGETS else ""
         print(f"{name:<34}{rate:9.0f} steps/s   {rate / first:5.2f} x {asked.cases[0]}{target}")
 

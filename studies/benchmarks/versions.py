@@ -152,18 +152,18 @@ def first(versions: list[Version], rounds: int, folder: Path) -> None:
     """Measure first steps."""
     lines = []
     for scene, arguments in SCENES.items():
-        found: dict[str, list[list[Any]]] = {each.name: [] for each in versions}
+        times: dict[str, list[list[Any]]] = {release.name: [] for release in versions}
         for _ in range(rounds):
-            for each in versions:
+            for release in versions:
                 with tempfile.TemporaryDirectory(dir=folder) as cache:
                     row = []
                     for _ in range(2):
                         began = time.time()
-                        with each.process(cache) as worker:
+                        with release.process(cache) as worker:
                             took = worker.ask("first", *arguments)
                         row += [[took["end"] - began, took["processor"]], took["further"]]
-                found[each.name].append(row[:3])
-        for name, rows in found.items():
+                times[release.name].append(row[:3])
+        for name, rows in times.items():
             median = np.median(rows, axis=0)
             lines.append([scene, name, *(f"{wall:.2f} ({processor:.2f})" for wall, processor in median)])
     heads = ("wall (processor), s", "version", "empty cache", "further action", "second process")
@@ -172,35 +172,35 @@ def first(versions: list[Version], rounds: int, folder: Path) -> None:
 
 def steps(versions: list[Version], rounds: int, folder: Path) -> None:
     """Measure steps."""
-    workers = [each._replace(variables={**each.variables, "VIBGYM_THREADS": "1"}).process(folder / each.name)
-               for each in versions]  # fmt: skip
+    workers = [release._replace(variables={**release.variables, "VIBGYM_THREADS": "1"}).process(folder / release.name)
+               for release in versions]  # fmt: skip
     lines = []
     for worlds in (1, 1024):
-        found = np.array([[worker.ask("steps", worlds) for worker in workers] for _ in range(rounds)])
-        best, ratio = found.min(axis=0), np.median(found / found[:, :1], axis=0)
+        times = np.array([[worker.ask("steps", worlds) for worker in workers] for _ in range(rounds)])
+        best, ratio = times.min(axis=0), np.median(times / times[:, :1], axis=0)
         what = "single environment" if worlds == 1 else f"batch of {worlds}, per world"
         lines.append([what, *(f"{us:.2f} us (x {share:.3f})" for us, share in zip(best, ratio, strict=True))])
     for worker in workers:
         worker.close()
-    show("steps", ("step of Rotate, `patch`", *(each.name for each in versions)), lines)
+    show("steps", ("step of Rotate, `patch`", *(release.name for release in versions)), lines)
 
 
 def kernel(versions: list[Version], rounds: int, folder: Path) -> None:
     """Measure the planar kernel."""
-    workers = [each.process(folder / each.name) for each in versions]
+    workers = [release.process(folder / release.name) for release in versions]
     lines = []
     for part in workers[0].ask("names"):
         truth = np.array(workers[0].ask("place", part, {"steps": 128, "substeps": 2, "pieces": 6}))
-        found = np.array([[worker.ask("period", part) for worker in workers] for _ in range(rounds)])
+        times = np.array([[worker.ask("period", part) for worker in workers] for _ in range(rounds)])
         cells = []
         for k, worker in enumerate(workers):
             away = 1e3 * np.hypot(*(np.array(worker.ask("place", part, {})) - truth).T)
-            cells.append(f"{found[:, k].min():.2f} us (x {np.median(found[:, k] / found[:, 0]):.2f})")
+            cells.append(f"{times[:, k].min():.2f} us (x {np.median(times[:, k] / times[:, 0]):.2f})")
             cells.append("{:.4f}, {:.4f}".format(*np.quantile(away, (0.5, 0.95))))
         lines.append([part, *cells])
     for worker in workers:
         worker.close()
-    heads = [head for each in versions for head in (each.name, "error: median, 95 %, mm")]
+    heads = [head for release in versions for head in (release.name, "error: median, 95 %, mm")]
     show("kernel", ("per period and core", *heads), lines)
     print(f"{4 * EVALUATED} friction evaluations alone, the block's, take {friction_bound(EVALUATED).period:.2f} us")
 

@@ -70,10 +70,10 @@ def throughput(python: Path, keep: bool, rounds: int = ROUNDS) -> None:
     """Measure control steps per second."""
     other = peers.Peer(python, "pusht")
     cases = [(contacts, worlds) for contacts in CONTACTS for worlds in (1, BATCH)]
-    found = peers.in_pairs([(rate(*case), other) for case in cases], rounds)
+    rates_of = peers.in_pairs([(rate(*case), other) for case in cases], rounds)
     other.close()
     lines = []
-    for (contacts, worlds), rates in zip(cases, found, strict=True):
+    for (contacts, worlds), rates in zip(cases, rates_of, strict=True):
         mine, theirs = np.median(rates, axis=0)
         lines.append(
             [contacts, str(worlds), f"{mine:.0f}", f"{theirs:.0f}", peers.spread(rates[:, 0] / rates[:, 1], 1)]
@@ -116,18 +116,18 @@ def steps(peer: Worker, actions: np.ndarray) -> np.ndarray:
 
 def in_gym_pusht(peer: Worker, pusher: np.ndarray, block: np.ndarray, actions: np.ndarray) -> np.ndarray:
     """Return poses (count, 3) of the T in gym-pusht after actions (count, periods, 2) from states as of :func:`pushes`."""
-    found = np.empty_like(block)
-    for k, each in enumerate(actions):
+    reached = np.empty_like(block)
+    for k, action in enumerate(actions):
         peer.ask("set", [*pusher[k], *block[k]])
-        found[k] = steps(peer, each)[-1, 4:7]
-    return found
+        reached[k] = steps(peer, action)[-1, 4:7]
+    return reached
 
 
 def cells(start: np.ndarray, theirs: np.ndarray, ours: np.ndarray, gap: np.ndarray) -> list[str]:
     """Return cells from poses and gaps: motion in gym-pusht, differences of the ends, overlap; median, 90 %, largest."""
     far, way = ours - theirs, np.hypot(*(theirs - start)[:, :2].T)
     values = way, np.hypot(*far[:, :2].T), np.degrees(np.abs(far[:, 2])), np.maximum(-gap, 0.0)
-    return [", ".join(f"{each:.3f}" for each in np.quantile(value, (0.5, 0.9, 1.0))) for value in values]
+    return [", ".join(f"{number:.3f}" for number in np.quantile(value, (0.5, 0.9, 1.0))) for value in values]
 
 
 def difference(python: Path, keep: bool, count: int = PUSHES, replays: int = REPLAYS) -> None:
@@ -151,7 +151,7 @@ def difference(python: Path, keep: bool, count: int = PUSHES, replays: int = REP
                 lines.append([name, str(number), contacts, *cells(block, theirs, batch.block, batch.gaps())])
         policy, seeds = Planner("delayed"), range(FIRST_SEED, FIRST_SEED + replays)
         played = [play(seed, policy, "delayed", peer) for seed in seeds]
-    theirs, start = np.array([each.block for each in played]), np.array([start_of(seed)[1] for seed in seeds])
+    theirs, start = np.array([episode.block for episode in played]), np.array([start_of(seed)[1] for seed in seeds])
     for contacts in CONTACTS:
         ends, gaps = np.empty_like(theirs), np.empty(replays)
         for k, seed in enumerate(seeds):
@@ -198,11 +198,11 @@ def episodes(python: Path, keep: bool, count: int = EPISODES) -> None:
                 play(seed, policy, contacts, peer if foreign else None)
                 for seed in range(FIRST_SEED, FIRST_SEED + count)
             ]
-            best = np.array([each.coverage.max() for each in played])
+            best = np.array([episode.coverage.max() for episode in played])
             success, reward = best > SUCCESS, np.minimum(best / SUCCESS, 1.0).mean()
             rate, spread = exact(int(success.sum()), count, LEVEL), bootstrap(best, LEVEL, RESAMPLES)
-            periods = np.array([len(each.actions) for each in played])[success]
-            plan = 1e3 * statistics.median(each.planning for each in played)
+            periods = np.array([len(episode.actions) for episode in played])[success]
+            plan = 1e3 * statistics.median(episode.planning for episode in played)
             lines.append([
                 simulator, model, f"{100 * success.mean():.1f} % ({100 * rate.low:.1f} to {100 * rate.high:.1f})",
                 f"{best.mean():.3f} ({spread.low:.3f} to {spread.high:.3f})", f"{reward:.3f}",
@@ -247,8 +247,8 @@ def picture(python: Path, path: Path) -> None:
             taken = stop
     for row, name in zip(axes, ("gym-pusht", *batches), strict=True):
         row[0].set_ylabel(name, fontsize=9)
-        for each in row:
-            each.set(xlim=(0.0, SIZE), ylim=(SIZE, 0.0), aspect="equal", xticks=(), yticks=())
+        for axes in row:
+            axes.set(xlim=(0.0, SIZE), ylim=(SIZE, 0.0), aspect="equal", xticks=(), yticks=())
     figure.savefig(path, dpi=90)
     print(f"picture: {path}")
 

@@ -78,10 +78,10 @@ def origin_of(pose: np.ndarray) -> np.ndarray:
 
 
 def _shifted(pose: np.ndarray, sign: float) -> np.ndarray:
-    found, length = np.array(pose, dtype=np.float64), sign * CENTRE[1]
-    found[..., 0] -= length * np.sin(found[..., 2])
-    found[..., 1] += length * np.cos(found[..., 2])
-    return found
+    moved, length = np.array(pose, dtype=np.float64), sign * CENTRE[1]
+    moved[..., 0] -= length * np.sin(moved[..., 2])
+    moved[..., 1] += length * np.cos(moved[..., 2])
+    return moved
 
 
 def start_of(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -159,18 +159,18 @@ class PushT:
     def coverage(self, block: np.ndarray | None = None) -> np.ndarray:
         """Return the shares (n,) of the goal that a T covers at poses (n, 3) of its centre of mass, by default all worlds'."""
         block = self.block if block is None else block
-        found = np.empty(len(block))
+        coverage = np.empty(len(block))
         goal_coverage(
-            self.hulls, T, block[:, None], np.tile(self.goal, (len(block), 1, 1)), found, np.arange(len(block))
+            self.hulls, T, block[:, None], np.tile(self.goal, (len(block), 1, 1)), coverage, np.arange(len(block))
         )
-        return found
+        return coverage
 
     def gaps(self) -> np.ndarray:
         """Return the gaps (worlds,) between T and pusher, px; negative: overlap."""
-        pose, found = np.zeros((self.worlds, 3, 3)), np.empty((self.worlds, 3, 3))
+        pose, gaps = np.zeros((self.worlds, 3, 3)), np.empty((self.worlds, 3, 3))
         pose[:, T], pose[:, PUSHER, :2] = self.block, self.pusher[:, :2]
-        all_gaps(self.hulls, pose, found)
-        return found[:, T, PUSHER]
+        all_gaps(self.hulls, pose, gaps)
+        return gaps[:, T, PUSHER]
 
     def step(self, action: Any) -> PushStep:
         """Advance all worlds by a control period (0.1 s).
@@ -222,8 +222,8 @@ class PushTEnv(gym.Env):
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by a control period."""
-        found = self.batch.step(action)
+        step = self.batch.step(action)
         self._steps += 1
-        done = bool(found.success[0])
-        info = {"is_success": done, "coverage": float(found.coverage[0])}
-        return found.observation[0], float(found.reward[0]), done, self._steps >= PERIODS, info
+        done = bool(step.success[0])
+        info = {"is_success": done, "coverage": float(step.coverage[0])}
+        return step.observation[0], float(step.reward[0]), done, self._steps >= PERIODS, info

@@ -36,18 +36,18 @@ def rotation(heading: float) -> np.ndarray:
 
 def distance(point: np.ndarray) -> np.ndarray:
     """Return the distances (...) of points (..., 2) from the T, px; negative: inside."""
-    found = []
+    distances = []
     for size, middle in ((BAR, 0.5 * BAR[1]), (STEM, BAR[1] + 0.5 * STEM[1])):
         beyond = np.abs(point - (0.0, middle - CENTRE[1])) - 0.5 * size
-        found.append(np.hypot(*np.moveaxis(np.maximum(beyond, 0.0), -1, 0)) + np.minimum(beyond.max(axis=-1), 0.0))
-    return np.minimum(*found)
+        distances.append(np.hypot(*np.moveaxis(np.maximum(beyond, 0.0), -1, 0)) + np.minimum(beyond.max(axis=-1), 0.0))
+    return np.minimum(*distances)
 
 
 def is_clear(start: np.ndarray, stop: np.ndarray) -> np.ndarray:
     """Return whether the pusher keeps its clearance, or that at the start, on segments (..., 2)."""
     shares = np.linspace(0.0, 1.0, 24)[:, None]
-    found = distance(start[..., None, :] + shares * (stop - start)[..., None, :])
-    return np.all(found >= np.minimum(RADIUS + CLEARANCE - TOLERANCE, found[..., :1] - 0.5), axis=-1)
+    distances = distance(start[..., None, :] + shares * (stop - start)[..., None, :])
+    return np.all(distances >= np.minimum(RADIUS + CLEARANCE - TOLERANCE, distances[..., :1] - 0.5), axis=-1)
 
 
 def ways() -> Ways:

@@ -39,8 +39,8 @@ def versions_agree(tag: str | None, report: Report) -> str:
         "CITATION.cff": r"^version: (\S+)$",
     }
     for name, pattern in patterns.items():
-        found = re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), re.M)
-        require(found and found[1] == version, f"version in {name}", found[1] if found else "missing")
+        match = re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), re.M)
+        require(match and match[1] == version, f"version in {name}", match[1] if match else "missing")
     require(tag is None or tag == f"v{version}", "tag", f"{tag}, but pyproject.toml has {version}")
     report(Row("version", "pyproject.toml and others", f"{version} in {len(patterns) + 1 + (tag is not None)} places"))
     return version

@@ -35,9 +35,9 @@ def interpreter(minor: str) -> str | None:
     """Return the executable of a version of Python: the running one, one on PATH or one of pyenv; None without."""
     running = getattr(sys, "_base_executable", sys.executable)
     pyenv = sorted((Path.home() / ".pyenv" / "versions").glob(f"{minor}.*/bin/python"))
-    for each in (running, shutil.which(f"python{minor}"), *map(str, reversed(pyenv))):
-        if each is not None and _version(each) == minor:
-            return each
+    for path in (running, shutil.which(f"python{minor}"), *map(str, reversed(pyenv))):
+        if path is not None and _version(path) == minor:
+            return path
     return None
 
 

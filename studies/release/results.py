@@ -36,10 +36,10 @@ def require(holds: object, check: str, result: object) -> None:
         raise Failed(" ".join(f"{check}: {result}".split()))
 
 
-def require_names(check: str, found: Iterable[str], expected: Iterable[str]) -> None:
+def require_names(check: str, names: Iterable[str], expected: Iterable[str]) -> None:
     """Raise :class:`Failed` with the first differences unless two sets of names are equal."""
-    found, expected = set(found), set(expected)
-    missing, unexpected = sorted(expected - found), sorted(found - expected)
+    names, expected = set(names), set(expected)
+    missing, unexpected = sorted(expected - names), sorted(names - expected)
     require(not missing and not unexpected, check, f"missing {missing[:3]}, unexpected {unexpected[:3]}")
 
 

@@ -172,7 +172,7 @@ def choose_strokes(
     strength,
     pieces,
     scratch,
-    found,
+    result,
 ):
     """Write the stroke (worlds, 3) with the smallest :func:`resting_cost`.
 
@@ -184,11 +184,11 @@ def choose_strokes(
         rest, target: (worlds, parts, 2) m.
         stroke, push: (n, 3) and (n, elements, 2).  strength: (m,) candidates.
         scratch: see :func:`new_scratch`.
-        found: (worlds, 3) output.
+        result: (worlds, 3) output.
     """
     effect, moved, slope, one, other, decrease = scratch
     for w in range(start, stop):
-        found[w] = 0.0
+        result[w] = 0.0
         costs = easy if eased[w] else usual
         if arrived(costs, rest[w], present[w]):
             continue
@@ -215,7 +215,7 @@ def choose_strokes(
                 if cost < best:
                     best = cost
                     for i in range(3):
-                        found[w, i] = strength[j] * stroke[k, i]
+                        result[w, i] = strength[j] * stroke[k, i]
 
 
 def new_scratch(parts: int, strokes: int) -> tuple[np.ndarray, ...]:
@@ -264,23 +264,23 @@ class ByTurnsPolicy(PlannerPolicy):
     def act(self, measured: Measured, memory: SteeringMemory, new: np.ndarray) -> tuple[np.ndarray, SteeringMemory]:
         """Return strokes; see :meth:`vibgym.policies.classical.steering.Steering.act`."""
         info, plan = self.info, self.aim(measured, memory.own, new)
-        present, target = (np.ascontiguousarray(each) for each in (measured.present, plan.target))
+        present, target = (np.ascontiguousarray(array) for array in (measured.present, plan.target))
         pose = np.ascontiguousarray(measured.pose + self.output.half * measured.rate)
         rest = np.ascontiguousarray(measured.centre + measured.velocity / self.drag[:, None])
         steps = plan.waited[:, 0]  # this policy counts steps in the planner's field for waiting times
         eased = (steps > JAMMED) & (steps % EASE < EASED)
-        found = np.zeros((len(pose), 3))
+        result = np.zeros((len(pose), 3))
 
         def work(start: int, stop: int) -> None:
             choose_strokes(
                 start, stop, self.costs, self.easy, eased, self.allocator.outlines, pose, present, rest, target, self.stroke,
                 self.push, self.strength, new_pieces(info.surface, info.parts),
-                new_scratch(len(info.parts), len(self.stroke)), found,
+                new_scratch(len(info.parts), len(self.stroke)), result,
             )  # fmt: skip
 
         workers.share(work, len(pose), self.output.threads)
-        action = found.astype(np.float32)
-        given = self.allocator.effect(pose, present, self.output.machine.pushes(action.astype(np.float64)))
-        acceleration, _ = self.process.acceleration(measured.rate, given)
+        action = result.astype(np.float32)
+        effect = self.allocator.effect(pose, present, self.output.machine.pushes(action.astype(np.float64)))
+        acceleration, _ = self.process.acceleration(measured.rate, effect)
         memory = memory._replace(acceleration=acceleration, own=plan._replace(waited=plan.waited + 1.0))
         return (action[0] if measured.single else action), memory

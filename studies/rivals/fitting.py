@@ -86,7 +86,7 @@ def plate_pushes(stroke, place, half, core, push):
 
 @jit
 def fit_strokes(
-    start, stop, outlines, pose, present, wanted, weight, most, strokes, place, half, core, pieces, effect, push, found
+    start, stop, outlines, pose, present, wanted, weight, most, strokes, place, half, core, pieces, effect, push, result
 ):
     """Write the stroke with the smallest weighted squared error of each world.
 
@@ -100,10 +100,10 @@ def fit_strokes(
         place: (elements, 2) centres of the elements, m from the middle.
         half, core: see :class:`.machines.Plate`, m.
         effect, push: (parts, 3) and (elements, 2), scratch.
-        found: (worlds, 3) output.
+        result: (worlds, 3) output.
     """
     for w in range(start, stop):
-        found[w] = 0.0
+        result[w] = 0.0
         count = cut_parts(outlines, w, pose[w], present[w], pieces)
         best, strength, which = 0.0, 0.0, -1
         for k in range(strokes.stroke.shape[0]):
@@ -115,7 +115,7 @@ def fit_strokes(
             continue
         a, b = strokes.centre[which, 0], strokes.centre[which, 1]
         da, db = 0.5 * strokes.step[which, 0], 0.5 * strokes.step[which, 1]
-        stroke = found[w]
+        stroke = result[w]
         for _ in range(HALVINGS):
             for turn in range(4):
                 x = a + (da if turn == 0 else -da if turn == 1 else 0.0)
@@ -136,7 +136,7 @@ def fit_strokes(
 
 @jit
 def fit_cells(
-    start, stop, outlines, pose, present, wanted, weight, axis, least, most, pieces, following, first, missing, found
+    start, stop, outlines, pose, present, wanted, weight, axis, least, most, pieces, following, first, missing, result
 ):
     """Write the pushes of all cells along their axes with the smallest weighted squared error of each world.
 
@@ -146,10 +146,10 @@ def fit_cells(
         least, most: bounds of the pushes.
         following, first: (pieces,) and (elements,) int64, scratch: linked lists of the pieces on each element.
         missing: (parts, 3), scratch.
-        found: (worlds, elements) output.
+        result: (worlds, elements) output.
     """
     for w in range(start, stop):
-        cell = found[w]
+        cell = result[w]
         cell[:] = 0.0
         count = cut_parts(outlines, w, pose[w], present[w], pieces)
         first[:] = -1

@@ -71,8 +71,8 @@ class RivalOutput(ABC):
         pose = np.ascontiguousarray(measured.pose + self.half * measured.rate)
         weight = np.ascontiguousarray(np.broadcast_to(self.weight, wanted.shape) * present[..., None])
         action = self.fit(pose, present, np.where(present[..., None], wanted, 0.0), weight).astype(np.float32)
-        given = self.machine.pushes(action.astype(np.float64))
-        return action, self.allocator.effect(pose, present, given), memory
+        pushes = self.machine.pushes(action.astype(np.float64))
+        return action, self.allocator.effect(pose, present, pushes), memory
 
     @abstractmethod
     def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -88,7 +88,7 @@ def initial_strokes(surface: Surface, plate: Plate, place: np.ndarray) -> Stroke
     reach = 0.5 * np.array([surface.width, surface.depth])
     inner = [np.arange(-far + 0.5 * size, far, size) for far in reach]
     outer = [np.arange(-far - AROUND, far + AROUND + size, 2.0 * size) for far in reach]
-    near, wide = (np.stack(np.meshgrid(*each), axis=-1).reshape(-1, 2) for each in (inner, outer))
+    near, wide = (np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2) for axes in (inner, outer))
     wide = wide[(np.abs(wide) > reach).any(axis=1)]
     angles = math.pi / DIRECTIONS * np.arange(DIRECTIONS)
     centre = np.concatenate([near, wide, np.stack([np.full(DIRECTIONS, FAR), angles], axis=-1)])
@@ -113,18 +113,18 @@ class PlateOutput(RivalOutput):
 
     def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """See :meth:`RivalOutput.fit`."""
-        found, info = np.zeros((len(pose), 3)), self.info
+        result, info = np.zeros((len(pose), 3)), self.info
 
         def work(start: int, stop: int) -> None:
             pieces = new_pieces(info.surface, info.parts)
             effect, push = np.empty((len(info.parts), 3)), np.empty((len(self.place), 2))
             fit_strokes(
                 start, stop, self.allocator.outlines, pose, present, wanted, weight, self.allocator.most, self.strokes,
-                self.place, self.plate.half, self.plate.core, pieces, effect, push, found,
+                self.place, self.plate.half, self.plate.core, pieces, effect, push, result,
             )  # fmt: skip
 
         workers.share(work, len(pose), self.threads)
-        return found
+        return result
 
 
 class PlainOutput(RivalOutput):
@@ -136,9 +136,9 @@ class PlainOutput(RivalOutput):
         assert isinstance(plate, PlainPlate)
         worlds, most = len(pose), self.allocator.most
         unit = 0.5 * np.eye(3)  # below the speed from which strokes are scaled down
-        effects = [self.allocator.effect(pose, present, plate.pushes(np.tile(each, (worlds, 1)))) for each in unit]
+        effects = [self.allocator.effect(pose, present, plate.pushes(np.tile(stroke, (worlds, 1)))) for stroke in unit]
         root = np.sqrt(weight)
-        matrix = 2.0 * np.stack([(root * each).reshape(worlds, -1) for each in effects], axis=-1)
+        matrix = 2.0 * np.stack([(root * effect).reshape(worlds, -1) for effect in effects], axis=-1)
         normal = np.einsum("wik,wil->wkl", matrix, matrix) + 1e-9 * np.eye(3)
         right = np.einsum("wik,wi->wk", matrix, (root * wanted).reshape(worlds, -1))
         stroke = np.linalg.solve(normal, right[..., None])[..., 0]
@@ -153,18 +153,18 @@ class CellsOutput(RivalOutput):
         cells, info = self.machine, self.info
         assert isinstance(cells, Cells)
         axis = np.ascontiguousarray(cells.axis.reshape(-1, 2))
-        most, found = self.allocator.most, np.zeros((len(pose), len(axis)))
+        most, result = self.allocator.most, np.zeros((len(pose), len(axis)))
 
         def work(start: int, stop: int) -> None:
             pieces = new_pieces(info.surface, info.parts)
             following, first = np.empty(len(pieces.part), dtype=np.int64), np.empty(len(axis), dtype=np.int64)
             fit_cells(
                 start, stop, self.allocator.outlines, pose, present, wanted, weight, axis, most * cells.least, most, pieces,
-                following, first, np.empty((len(info.parts), 3)), found,
+                following, first, np.empty((len(info.parts), 3)), result,
             )  # fmt: skip
 
         workers.share(work, len(pose), self.threads)
-        return found
+        return result
 
 
 OUTPUTS = {"plate": PlateOutput, "plain-plate": PlainOutput, "conveyor": CellsOutput, "one-way": CellsOutput}

@@ -65,10 +65,10 @@ def generators(name: str, info: TaskInfo) -> Generators:
 def effects_of(generators: Generators, unit: np.ndarray) -> np.ndarray:
     """Return the pushes on parts (2 parts, n) by generator; ``unit`` (elements, 2, parts, 2): by unit push of an element."""
     if generators.element is None:
-        given = np.einsum("nek,ekpi->npi", generators.push, unit)
+        effects = np.einsum("nek,ekpi->npi", generators.push, unit)
     else:
-        given = np.einsum("nk,nkpi->npi", generators.push, unit[generators.element])
-    return given.reshape(len(given), -1).T
+        effects = np.einsum("nk,nkpi->npi", generators.push, unit[generators.element])
+    return effects.reshape(len(effects), -1).T
 
 
 def share(effects: np.ndarray, group: np.ndarray, wanted: np.ndarray) -> float:
@@ -89,11 +89,11 @@ def share(effects: np.ndarray, group: np.ndarray, wanted: np.ndarray) -> float:
     cost = np.append(np.zeros(n), -1.0)
     equal = np.concatenate([effects, -wanted[:, None]], axis=1)
     limits = coo_matrix((np.ones(n), (group, np.arange(n))), shape=(len(groups), n + 1)).tocsr()
-    found = linprog(
+    solution = linprog(
         cost, limits, np.ones(len(groups)), equal, np.zeros(len(wanted)), bounds=(0.0, None), method="highs"
     )
-    assert found.success, found.message
-    return float(-found.fun)
+    assert solution.success, solution.message
+    return float(-solution.fun)
 
 
 def rows(samples: int = SAMPLES, counts: Sequence[int] = COUNTS, names: Sequence[str] = NAMES) -> list[dict[str, Any]]:
@@ -103,13 +103,13 @@ def rows(samples: int = SAMPLES, counts: Sequence[int] = COUNTS, names: Sequence
     info, pose = TaskInfo.of(env), env.unwrapped.truth.pose.copy()
     env.close()
     allocator, elements = Allocator(info.surface, info.parts, info.hardware), info.surface.rows * info.surface.columns
-    each = np.eye(2 * elements).reshape(2 * elements, info.surface.rows, info.surface.columns, 2)
+    drives = np.eye(2 * elements).reshape(2 * elements, info.surface.rows, info.surface.columns, 2)
     angle = np.random.default_rng(27).uniform(-math.pi, math.pi, (samples, len(info.parts)))
     shares = {(name, count): np.zeros(samples) for name in names for count in counts}
     available = {name: generators(name, info) for name in names}
     for sample in range(samples):
-        present = np.ones((len(each), len(info.parts)), dtype=bool)
-        unit = allocator.effect(np.tile(pose[sample], (len(each), 1, 1)), present, each)[..., :2]
+        present = np.ones((len(drives), len(info.parts)), dtype=bool)
+        unit = allocator.effect(np.tile(pose[sample], (len(drives), 1, 1)), present, drives)[..., :2]
         unit = unit.reshape(elements, 2, len(info.parts), 2)
         wanted = np.stack([np.cos(angle[sample]), np.sin(angle[sample])], axis=-1)
         for name in names:

@@ -85,7 +85,7 @@ def play(
     step = periods * surface.period
     steps = math.ceil(seconds / step - 1e-9)
     shares = [schedule.shares(step * np.arange(steps), step) for schedule in schedules]
-    changes = np.any([np.any(np.diff(each, axis=0, prepend=-1.0) != 0.0, axis=1) for each in shares], axis=0)
+    changes = np.any([np.any(np.diff(share, axis=0, prepend=-1.0) != 0.0, axis=1) for share in shares], axis=0)
     phasors = [schedule.phasors(surface).reshape(-1, size) for schedule in schedules]
     poses, drive = [simulator.pose[:, 0]], None
     for k in range(steps):
@@ -93,8 +93,8 @@ def play(
             command = np.array([share[k] @ fields for share, fields in zip(shares, phasors)], dtype=np.float32)
             drive = phasor_drive(np.repeat(command, many, axis=0), surface.columns, surface.full_scale)
         assert drive is not None  # the first step always changes the command
-        for each, stretch in actuators.apply(drive):
-            simulator.run(each, stretch)
+        for applied, stretch in actuators.apply(drive):
+            simulator.run(applied, stretch)
         poses.append(simulator.pose[:, 0])
     return np.array(poses).reshape(steps + 1, count, many, 3)
 
@@ -133,6 +133,6 @@ def cost(errors: Errors) -> np.ndarray:
     The cost of an error e, in units of Align's tolerances, is ``log(1 + e^2)``. It is sensitive to large errors and to errors
     near the tolerance.
     """
-    each = np.log1p((errors.distance / FINE[0]) ** 2 + (errors.heading / FINE[1]) ** 2).mean(axis=-1)
-    last = max(len(each) // 10, 1)
-    return each.mean(axis=0) + each[-last:].mean(axis=0)
+    costs = np.log1p((errors.distance / FINE[0]) ** 2 + (errors.heading / FINE[1]) ** 2).mean(axis=-1)
+    last = max(len(costs) // 10, 1)
+    return costs.mean(axis=0) + costs[-last:].mean(axis=0)

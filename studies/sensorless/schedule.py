@@ -77,12 +77,12 @@ class Schedule:
 
     def phasors(self, surface: Surface) -> np.ndarray:
         """Return the phasors (segments + 1, rows, columns, 2) of the fields, and of the rest after them."""
-        found = np.zeros((len(self.seconds) + 1, surface.rows, surface.columns, 2))
+        phasors = np.zeros((len(self.seconds) + 1, surface.rows, surface.columns, 2))
         for k, (x, y, angle, towards, along, swirl, reach) in enumerate(self.fields.tolist()):
             field = squeeze(x, y, angle, towards, reach) + squeeze(x, y, angle + math.pi / 2.0, along, reach)
             field = field + tangential(x, y, swirl, reach)
-            found[k] = field.phasors(surface, friction=self.friction)
-        return found
+            phasors[k] = field.phasors(surface, friction=self.friction)
+        return phasors
 
     def shares(self, time: np.ndarray, step: float) -> np.ndarray:
         """Return the share (batch, segments + 1) of each segment and of the rest in ``step`` s from ``time`` (batch,) s."""

@@ -63,11 +63,11 @@ def encoded(schedule: Schedule, segments: int, seconds: float) -> np.ndarray:
         fields.insert(k, fields[k])
         lasts.insert(k, lasts[k])
     rows = np.empty((segments, NUMBERS))
-    given = np.array(fields)
-    rows[:, :2] = (given[:, :2] - schedule.goal[:2]) / CENTRE_UNITS
-    rows[:, 2] = (given[:, 2] - schedule.goal[2]) / ANGLE_UNIT
-    rows[:, 3:6] = given[:, 3:6]
-    rows[:, 6] = 2.0 * np.log(given[:, 6] / DEFAULT_REACH)
+    values = np.array(fields)
+    rows[:, :2] = (values[:, :2] - schedule.goal[:2]) / CENTRE_UNITS
+    rows[:, 2] = (values[:, 2] - schedule.goal[2]) / ANGLE_UNIT
+    rows[:, 3:6] = values[:, 3:6]
+    rows[:, 6] = 2.0 * np.log(values[:, 6] / DEFAULT_REACH)
     rows[:, 7] = 2.0 * np.log(np.array(lasts) / (seconds / segments))
     return rows.ravel()
 
@@ -129,7 +129,7 @@ def search(
         values = costs([schedule_of(point) for point in points], trials, part, surface, settings, hardware)
         strategy.tell(points, values.tolist())
         history.append(values.min())
-    found = schedule_of(strategy.result.xfavorite)
-    validation = costs([found], validation_trials(part, surface, settings, hardware), part, surface, settings, hardware)
+    best = schedule_of(strategy.result.xfavorite)
+    validation = costs([best], validation_trials(part, surface, settings, hardware), part, surface, settings, hardware)
     duration, evaluations = time.perf_counter() - began, settings.generations * settings.population
-    return SearchResult(found, seed, float(validation[0]), np.array(history), duration, evaluations)
+    return SearchResult(best, seed, float(validation[0]), np.array(history), duration, evaluations)

@@ -73,23 +73,23 @@ def section(name: str, hardware: str, settings: SensorlessSettings, output: Path
     validation = validation_trials(part, surface, settings, hardware)
     values = costs(list(by_hand.values()), validation, part, surface, settings, hardware)
     best = list(by_hand)[int(values.argmin())]
-    found = {
+    searched = {
         f"learned, seed {seed}": search(part, surface, settings, hardware, by_hand[best], seed, quiet=True)
         for seed in settings.seeds
     }
-    stored = min(found, key=lambda key: found[key].validation)
-    training = _training(found[stored], name, hardware, settings)
-    save_schedule(output / f"{name}-{hardware}.json", found[stored].schedule, surface, training)
+    stored = min(searched, key=lambda key: searched[key].validation)
+    training = _training(searched[stored], name, hardware, settings)
+    save_schedule(output / f"{name}-{hardware}.json", searched[stored].schedule, surface, training)
     seconds = AFTER * settings.seconds
     # Hand-made schedules continue with their last field until the end of the evaluation.
     schedules = {key: _extended(schedule, seconds) for key, schedule in by_hand.items()}
-    schedules |= {key: result.schedule for key, result in found.items()}
+    schedules |= {key: result.schedule for key, result in searched.items()}
     times = [t for t in np.arange(1.5, 10.0, 0.5).tolist() if t < seconds + 0.5 * surface.period]
     lines, curves = [], []
     for key, schedule in schedules.items():
         varied = evaluate(schedule, part, surface, settings, hardware, settings.friction, seconds)
         nominal, success = ["", ""], ["", ""]
-        if key == best or key in found:
+        if key == best or key in searched:
             nominal = evaluate(schedule, part, surface, settings, hardware, NOMINAL, seconds).shares()
             outcomes = episodes(schedule, name, hardware, settings.friction, settings.evaluated)
             median = np.median(outcomes.time_to_goal[outcomes.success]) if outcomes.success.any() else math.nan
@@ -102,7 +102,7 @@ def section(name: str, hardware: str, settings: SensorlessSettings, output: Path
         markdown(HEADS, lines),
         "Share of parts within 2 mm and 3 deg over time, with varied friction:",
         markdown(("schedule", *(f"{t:g} s" for t in times)), curves),
-        _searches(found, best, float(values.min())) + "\n",
+        _searches(searched, best, float(values.min())) + "\n",
     ])  # fmt: skip
     write_atomically(output / f"{name}-{hardware}.md", text)
     return text
@@ -125,20 +125,20 @@ def _extended(schedule: Schedule, seconds: float) -> Schedule:
     return replace(schedule, seconds=lasts)
 
 
-def _training(found: SearchResult, part: str, hardware: str, settings: SensorlessSettings) -> dict[str, Any]:
+def _training(best: SearchResult, part: str, hardware: str, settings: SensorlessSettings) -> dict[str, Any]:
     return {
-        "algorithm": "CMA-ES (cma)", "part": part, "hardware": hardware, "seed": found.seed, "seconds": round(found.seconds, 1),
-        "evaluations": found.evaluations, "settings": settings.model_dump(mode="json"), "vibgym": vibgym.__version__,
+        "algorithm": "CMA-ES (cma)", "part": part, "hardware": hardware, "seed": best.seed, "seconds": round(best.seconds, 1),
+        "evaluations": best.evaluations, "settings": settings.model_dump(mode="json"), "vibgym": vibgym.__version__,
     }  # fmt: skip
 
 
-def _searches(found: Mapping[str, SearchResult], best: str, begun: float) -> str:
+def _searches(searched: Mapping[str, SearchResult], best: str, begun: float) -> str:
     """Return a sentence about durations and costs of the searches."""
     results = "; ".join(
         f"seed {one.seed} {one.seconds:.0f} s, cost {one.validation:.2f}, {one.schedule.total:.2f} s long"
-        for one in found.values()
+        for one in searched.values()
     )
-    evaluations = next(iter(found.values())).evaluations
+    evaluations = next(iter(searched.values())).evaluations
     return f'Searches ({evaluations} schedules each, from "{best}", cost {begun:.2f}): {results}.'
 
 
@@ -182,9 +182,9 @@ def episodes(schedule: Schedule, part: str, hardware: str, friction: tuple[float
     arguments: dict[str, Any] = {"parts": [part], "actuators": hardware, "randomize": {"friction": list(friction)}}
     env = worlds_of("Align", worlds, action=SchedulePolicy.action, observation=SchedulePolicy.observation, **arguments)
     policy = SchedulePolicy(TaskInfo.of(env), schedule)
-    found = run(policy, env, range(FRESH, FRESH + worlds), "Align", options={"goal": schedule.goal})
+    runs = run(policy, env, range(FRESH, FRESH + worlds), "Align", options={"goal": schedule.goal})
     env.close()
-    return found
+    return runs
 
 
 def percent(share: float) -> str:

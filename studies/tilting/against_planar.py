@@ -144,7 +144,7 @@ def scene(part: Part, model: str, seed: int) -> Simulator:
 
 def tilted(part: Part, share: float, level: bool) -> float:
     """Return us per period and part, of periods that end with a tilted part; every round begins with 0.03 rad."""
-    rng, found = np.random.default_rng(1), []
+    rng, times = np.random.default_rng(1), []
     shape = WORLDS, 1 if level else WIDE.rows, 1 if level else WIDE.columns
     for seed in range(ROUNDS):
         simulator = scene(part, "tilting", seed)
@@ -158,8 +158,8 @@ def tilted(part: Part, share: float, level: bool) -> float:
             simulator.advance(amplitude, phase)
             taken += time.process_time() - began
             periods += float((~simulator.fallen).sum())
-        found.append(1e6 * taken / periods)
-    return float(np.median(found))
+        times.append(1e6 * taken / periods)
+    return float(np.median(times))
 
 
 def flat(part: Part, periods: int) -> str:

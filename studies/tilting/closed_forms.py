@@ -54,14 +54,14 @@ def energy(simulator: Simulator) -> np.ndarray:
     xx, yy, xy = part.inertia
     own = np.array([[xx, xy, 0.0], [xy, yy, 0.0], [0.0, 0.0, part.gyration]])
     names = ("pose", "velocity", "lean", "height", "climb", "rocking", "mode")
-    found = []
-    for each in zip(*(state[name][:, 0] for name in names), strict=True):
-        pose, velocity, lean, height, climb, rocking, mode = each
+    energies = []
+    for values in zip(*(state[name][:, 0] for name in names), strict=True):
+        pose, velocity, lean, height, climb, rocking, mode = values
         frame = rotation(lean[0], lean[1], 0.0) @ rotation(0.0, 0.0, pose[2])
         spin, way = np.array([*rocking, velocity[2]]), np.array([*velocity[:2], climb])
         rise = height - part.centre_height if mode else 0.0
-        found.append(0.5 * way @ way + 0.5 * spin @ frame @ own @ frame.T @ spin + simulator.surface.gravity * rise)
-    return np.array(found)
+        energies.append(0.5 * way @ way + 0.5 * spin @ frame @ own @ frame.T @ spin + simulator.surface.gravity * rise)
+    return np.array(energies)
 
 
 def measured(width: float, height: float, tilts: np.ndarray, steps: int = 200) -> np.ndarray:
@@ -137,6 +137,6 @@ def transport() -> None:
         away, way = errors(name)
         orders = np.log2(away[:-1] / away[1:])
         print(f"{name}, way of {1e3 * way:.2f} mm:")
-        for steps, each in zip(STEPS, away, strict=True):
-            print(f"  {steps} steps: off by {1e6 * each:.3f} um, {100.0 * each / way:.4f} %")
+        for steps, error in zip(STEPS, away, strict=True):
+            print(f"  {steps} steps: off by {1e6 * error:.3f} um, {100.0 * error / way:.4f} %")
         print(f"  order in the step: {', '.join(f'{order:.2f}' for order in orders)}", flush=True)

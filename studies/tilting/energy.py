@@ -83,13 +83,11 @@ def balance(name: str, share: float, tilt: float, restitution: float, periods: i
             simulator.advance(amplitude, phase)
     finally:
         kernels.take_step, kernels.resolve_contacts = take_step, resolve
-    gained, given = np.array(steps).T
-    excess = gained - given
+    gained, made = np.array(steps).T
+    excess = gained - made
     total = np.concatenate([[0.0], np.cumsum(excess)])
     most = float((total - np.minimum.accumulate(total)).max())
-    return Balance(
-        float(given[given > 0].sum()), float(excess[excess > 0].sum()), -float(excess[excess < 0].sum()), most
-    )
+    return Balance(float(made[made > 0].sum()), float(excess[excess > 0].sum()), -float(excess[excess < 0].sum()), most)
 
 
 def table() -> None:
@@ -99,10 +97,10 @@ def table() -> None:
     )
     for name, share, tilt in CASES:
         for restitution in RESTITUTION:
-            each = balance(name, share, math.radians(tilt), restitution, PERIODS)
+            row = balance(name, share, math.radians(tilt), restitution, PERIODS)
             print(
-                f"{name:12} {share:4} {tilt:3} deg {restitution:3}: {each.given:.4f}  {each.made:.5f} {each.lost:.4f}  "
-                f"{each.most:.6f} ({1e3 * each.most / 9.81:.4f} mm high)",
+                f"{name:12} {share:4} {tilt:3} deg {restitution:3}: {row.given:.4f}  {row.made:.5f} {row.lost:.4f}  "
+                f"{row.most:.6f} ({1e3 * row.most / 9.81:.4f} mm high)",
                 flush=True,
             )
 

@@ -63,8 +63,8 @@ def release(part: Part, tilt: float, share: float, worlds: int, periods: int, se
     rng = np.random.default_rng(seed)
     pose, velocity = starts(part, worlds, rng)
     tipped, calm = (Simulator(SURFACE, part, worlds=worlds, model="tilting") for _ in range(2))
-    for each in (tipped, calm):
-        each.reset(pose, velocity)
+    for simulator in (tipped, calm):
+        simulator.reset(pose, velocity)
     tipped.tip(slice(None), leans(tilt, worlds, rng))
     return follow(tipped, calm, share, rng.uniform(-math.pi, math.pi), periods)
 
@@ -81,13 +81,13 @@ def after_impulse(part: Part, impulse: np.ndarray, share: float) -> Track:
 def follow(disturbed: Simulator, calm: Simulator, share: float, phase: float, periods: int) -> Track:
     """Advance both simulators and return their differences."""
     amplitude = share * (SURFACE.max_amplitude or 0.0)
-    found = []
+    states = []
     for _ in range(periods):
-        for each in (disturbed, calm):
-            each.advance(amplitude, phase)
+        for simulator in (disturbed, calm):
+            simulator.advance(amplitude, phase)
         pose, velocity = disturbed.pose - calm.pose, disturbed.velocity - calm.velocity
-        found.append((pose[:, 0, 2], pose[:, 0, :2], velocity[:, 0, 2]))
-    return Track(*(np.array(each) for each in zip(*found, strict=True)))
+        states.append((pose[:, 0, 2], pose[:, 0, :2], velocity[:, 0, 2]))
+    return Track(*(np.array(series) for series in zip(*states, strict=True)))
 
 
 # -- impulse --------------------------------------------------------------------------------------------------------------
@@ -154,7 +154,7 @@ def on_corners(part: str, tilt: float, drive: str) -> float:
     body = body_of(shipped_part(part), corners_only=True)
     plates, velocity = transport(SURFACE, DRIVES[drive]), SURFACE.idle_velocity(body.friction)
     begins = tilted_starts(body, plates, math.radians(tilt), STARTS, velocity)
-    return 1e3 * float(np.median([simulate(body, plates, each, LONG_ENOUGH).landing for each in begins]))
+    return 1e3 * float(np.median([simulate(body, plates, begin, LONG_ENOUGH).landing for begin in begins]))
 
 
 def landing(worlds: int = 400) -> None:
