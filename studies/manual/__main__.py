@@ -35,9 +35,9 @@ def films(arguments: argparse.Namespace) -> None:
 
 def thesis(arguments: argparse.Namespace) -> None:
     """Write the thesis's figures beside the simulated ones."""
-    from studies.manual.thesis import write
+    from studies.thesis.figures import write_markdown
 
-    print(f"page: {write(arguments.output or DOCS / 'thesis', arguments.only)}")
+    print(f"page: {write_markdown(arguments.output or DOCS / 'thesis', arguments.only)}")
 
 
 def site(arguments: argparse.Namespace) -> None:

@@ -1,7 +1,6 @@
 """Generated documentation agrees with the results and the code."""
 
 import csv
-import io
 import json
 import re
 import statistics
@@ -15,10 +14,9 @@ from docutils import nodes
 from docutils.core import publish_doctree
 from PIL import Image
 
-from studies.manual import build, environments, films, open_tasks, performance, published, rest, site, thesis
+from studies.manual import build, environments, films, open_tasks, performance, published, rest, site
 from studies.manual.__main__ import main
 from studies.manual.figures_file import RESULTS, ROOT
-from studies.thesis.figure import Comparison, Figure, Picture, Table
 from studies.thesis.figures import FIGURES
 from tests.commands import refusal
 from vibgym.registration import ENVIRONMENTS
@@ -119,30 +117,11 @@ def test_films_are_written(tmp_path):
 
 
 def test_the_thesis_page_has_every_figure_and_its_pictures():
-    text = (ROOT / "docs" / "thesis" / thesis.PAGE).read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "thesis" / "figures.md").read_text(encoding="utf-8")
     assert re.findall(r"`python -m studies.thesis --figure (\w+)`", text) == list(FIGURES)
     pictures = re.findall(r"\]\(thesis/([\w-]+\.png)\)", text)
     assert len(pictures) >= len(FIGURES)
     assert {path.name for path in (ROOT / "docs" / "thesis").glob("*.png")} == set(pictures)
-
-
-def test_a_figure_becomes_a_section():
-    file = io.BytesIO()
-    Image.new("RGB", (1800, 600), "white").save(file, format="PNG")
-    figure = Figure(
-        title="Fig. 1: a | b",
-        shows="It shows *this*.",
-        comparisons=(Comparison("speed", "1 m/s", "2 m/s", "+1 m/s"),),
-        differs="Twice.",
-        assumed=("nothing",),
-        pictures=(Picture(file.getvalue(), "A line."),),
-        tables=(Table("More.", ("x",), (("1",),)),),
-    )
-    text = thesis.section("mine", figure, ["mine-1.png"])
-    assert "## Fig. 1: a | b" in text and r"\*this\*" in text and "(thesis/mine-1.png)" in text
-    assert ["speed", "1 m/s", "2 m/s", "+1 m/s"] in cells_of(text)
-    with Image.open(io.BytesIO(thesis.small(file.getvalue()))) as picture:
-        assert picture.size == (900, 300)
 
 
 def test_markdown_in_a_docstring_becomes_rest():
