@@ -52,11 +52,6 @@ def test_scipy_at_the_border_and_off_it():
     assert flying.pose[-1] == pytest.approx([-1 + 0.1 * 0.08, -1.0, 0.08], abs=1e-12)
 
 
-def test_scipy_refuses_what_it_does_not_know():
-    with pytest.raises(ValueError, match="method"):
-        scipy_peers.integrate(Surface(), BLOCK, *scene(1), 1, method="RK23")
-
-
 # -- point sampling ----------------------------------------------------------------------------------------------------
 
 
