@@ -55,21 +55,13 @@ ORDERS: list[tuple[dict[str, Any], tuple[int, ...], int, float | None]] = [
 
 
 class Order(NamedTuple):
-    """Measured order of convergence on one scene.
+    """Measured order of convergence on one scene."""
 
-    Attributes:
-        scene: name.
-        steps: Runge-Kutta steps per period.
-        errors: median strong error at each, m.
-        order: slope of the logarithms, fitted by least squares.
-        wanted: smallest acceptable order, or None.
-    """
-
-    scene: str
-    steps: tuple[int, ...]
-    errors: tuple[float, ...]
-    order: float
-    wanted: float | None
+    scene: str  # name
+    steps: tuple[int, ...]  # Runge-Kutta steps per period
+    errors: tuple[float, ...]  # m, median strong error at each
+    order: float  # slope of the logarithms, fitted by least squares
+    wanted: float | None  # smallest acceptable order
 
     @property
     def passed(self) -> bool:
@@ -148,31 +140,21 @@ AUTO_ROUNDS = 3
 
 
 class AutoRow(NamedTuple):
-    """The choice of ``model="auto"`` on a scene for a tolerance.
-
-    Attributes:
-        tolerance: m.
-        refused: the simulator's error where no setting is good enough, or "".
-        model, setting, reason: its choice.
-        promised, measured: m, median over worlds of the displacement of the part's outline in 25 periods.
-        promised_95, measured_95: the same for the 95th percentile, without a promise.
-        cost, planar_cost: us per period, world and core, of the choice and of the planar model with default knobs.
-        held: whether the measured median is within the tolerance.
-    """
+    """The choice of ``model="auto"`` on a scene for a tolerance."""
 
     scene: str
-    tolerance: float
-    refused: str = ""
+    tolerance: float  # m
+    refused: str = ""  # the simulator's error where no setting is good enough
     model: str = ""
     setting: str = ""
     reason: str = ""
-    promised: float | None = None
+    promised: float | None = None  # m, median over worlds of the displacement of the part's outline in 25 periods
     measured: float | None = None
-    promised_95: float | None = None
+    promised_95: float | None = None  # the same for the 95th percentile, without a promise
     measured_95: float | None = None
-    cost: float | None = None
-    planar_cost: float | None = None
-    held: bool | None = None
+    cost: float | None = None  # us per period, world and core
+    planar_cost: float | None = None  # of the planar model with default knobs
+    held: bool | None = None  # whether the measured median is within the tolerance
 
 
 def auto_rows(scene: Scene, tolerances: Sequence[float], settings: TruthSettings) -> list[AutoRow]:

@@ -14,7 +14,7 @@ from docutils import nodes
 from docutils.core import publish_doctree
 from PIL import Image
 
-from studies.manual import build, environments, films, open_tasks, performance, published, rest, site
+from studies.manual import build, films, open_tasks, performance, published, rest, settings, site
 from studies.manual.__main__ import main
 from studies.manual.figures_file import RESULTS, ROOT
 from studies.thesis.figures import FIGURES
@@ -30,7 +30,7 @@ def cells_of(text):
 
 @pytest.fixture(scope="module")
 def pages():
-    return environments.pages()
+    return build.pages()
 
 
 @pytest.mark.parametrize(("task", "policy"), [("Transport", "random"), ("Align", "open_loop"), ("Rotate", "learned")])
@@ -39,7 +39,7 @@ def test_results_follow_from_the_episodes(task, policy):
         lines = [line for line in csv.DictReader(file) if line["study"] == "report" and line["hardware"] == "ideal"]
     chosen = [line for line in lines if (line["task"], line["policy"]) == (task, policy)]
     times = [float(line["time_to_goal_s"]) for line in chosen if line["time_to_goal_s"]]
-    row = next(cells for cells in cells_of(published.one_part()) if cells[:2] == [task, policy])
+    row = next(cells for cells in cells_of(published.TABLES["one-part"]()) if cells[:2] == [task, policy])
     assert row[2] == f"{100 * sum(line['success'] == '1' for line in chosen) / len(chosen):.1f} %"
     assert row[4] == f"{statistics.median(times):.2f} s"
     assert row[-1] == f"{100 * sum(line['fallen'] == '1' for line in chosen) / len(chosen):.1f} %"
@@ -53,28 +53,20 @@ def test_every_table_has_rows_and_no_missing_values():
     assert published.report().day in published.provenance()
 
 
-def test_missing_results_are_dashes():
+def test_cells_without_a_value():
+    """Missing results are dashes; continuous tasks report good parts instead of success; agents have one line each."""
     rows = {tuple(cells[:2]): cells for cells in cells_of(open_tasks.suite())}
-    assert rows["prototype", "mpc"][3:] == ["–"] * 8
-    assert rows["ideal", "classical"][3] != "–"
-
-
-def test_continuous_tasks_report_good_parts_instead_of_success():
+    assert rows["prototype", "mpc"][3:] == ["–"] * 8 and rows["ideal", "classical"][3] != "–"
     feed, swap = open_tasks.of("Feed"), open_tasks.of("Swap")
     assert "success" not in feed and "good parts per minute" in feed
     assert "success" in swap and "good parts per minute" not in swap and "| task |" not in swap
-
-
-def test_agents_have_one_line_each():
     lines = {cells[0].removesuffix(" (one seed)"): cells for cells in published.agent_lines()}
     assert lines["Feed/ideal"][1] == "–" and lines["Feed/ideal"][5] != "–"
     assert re.fullmatch(r"[\d., ]+ % of \d+", lines["Align/ideal"][1])
-    # The line of an agent that was trained once says so.
     with (RESULTS / "agents.csv").open(newline="") as file:
         seeds = Counter(row["agent"] for row in csv.DictReader(file) if row["agent"].startswith("Swap/"))
     expected = {name + (" (one seed)" if count == 1 else "") for name, count in seeds.items()}
     assert {cells[0] for cells in published.agent_lines("Swap")} == expected
-    assert seeds.keys() == {"Swap/gentle", "Swap/ideal", "Swap/prototype"}
 
 
 def test_every_environment_has_a_page(pages):
@@ -98,15 +90,12 @@ def test_tables_of_a_page_agree_with_the_environment(pages, name):
     assert {cells[0]: float(cells[2]) for cells in rewards} == pytest.approx(env.task.weights)
 
 
-def test_films_are_small_and_move():
+def test_films_are_small_and_move(tmp_path):
     for name in ENVIRONMENTS:
         path = ROOT / "docs" / "films" / f"{name}.webp"
         assert path.stat().st_size < 100_000, name
         with Image.open(path) as film:
             assert film.n_frames >= 5 and film.width <= 480, name
-
-
-def test_films_are_written(tmp_path):
     assert main(["films", "--only", "Rotate", "--output", str(tmp_path), "--quiet"]) == 0
     with Image.open(tmp_path / "Rotate.webp") as film:
         assert film.n_frames > 3 and film.width == films.FEW.width
@@ -140,6 +129,15 @@ def test_markdown_in_a_docstring_becomes_rest():
     entries = [entry.astext() for entry in tree.findall(nodes.entry)]
     assert entries == ["term", "meaning", "time", "every x"]
     assert [title.astext() for title in tree.findall(nodes.rubric)] == ["Rewards"]
+
+
+@pytest.mark.parametrize("name", settings.INCLUDED)
+def test_pages_include_the_tables_of_settings(name):
+    text = settings.included()[name]
+    names = [cells[0].strip("`") for cells in cells_of(text)]
+    assert names == list(settings.INCLUDED[name][1]) and ":mod:" not in text
+    pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
+    assert f"{{include}} generated/settings/{name}.md" in pages
 
 
 def test_the_readme_is_updated_between_its_marks(tmp_path, capsys):

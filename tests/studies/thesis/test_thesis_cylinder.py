@@ -118,19 +118,6 @@ def _vector_rates(cylinder, t, y):
     return np.concatenate([k_rate, omega_rate, v_rate, v])
 
 
-def test_a_rim_without_friction_keeps_its_spin_and_its_velocity():
-    cylinder = replace(FLAT, friction=0.0)
-    start = cylinder.released(math.radians(16.0), 1.0, 2.0, 9.0)
-    run = follow(cylinder.rim(), start, 0.3)
-    for kept in (SPIN, V_X, V_Y):
-        assert run.states[:, kept] == pytest.approx(start[kept], abs=1e-12)
-    nu, spin, lean = run.states[:, [TILT, SPIN, LEANING]].T
-    j1, j3 = cylinder.inertia
-    about_vertical = j3 * spin * np.cos(nu) - j1 * lean * np.sin(nu)
-    assert about_vertical == pytest.approx(about_vertical[0], rel=1e-8) and run.energy_error < 1e-8
-    assert np.ptp(nu) > math.radians(5.0)
-
-
 def test_the_height_that_keeps_the_tilt_of_fig_3_19():
     """For any radius; with another height the tilt changes."""
     start = Start(math.radians(5.0), phi_rate=-2.5 * REVOLUTION, psi_rate=-math.radians(270.0))
