@@ -21,25 +21,30 @@ from vibgym.scene.parts import shipped_part
 from vibgym.sensing import SENSORS
 
 
+def camera(parts: list[Part], pose: np.ndarray, lines: str) -> Any:
+    """Return the prototype's camera above parts at poses (parts, 3), which keeps its image; ``lines``: "all" or "half"."""
+    settings = {"kind": "camera", "lines": lines, "edge": "threshold"}
+    sensor = SENSORS.make("sensor", settings, Surface(), parts, 1, 1)
+    state = new_state(1, len(parts))
+    state.pose[0], state.fallen[:] = pose, False
+    sensor.keep_pictures()
+    sensor.reset(np.array([0]), state, np.array([[0.3, 0.6]]))
+    return sensor
+
+
 class Scene:
     """Eleven parts in front of the camera, and the results of its image processing."""
 
     def __init__(self) -> None:
         aluminium, steel = shipped_part("aluminium_block"), shipped_part("steel_block")
         parts = [aluminium] * 4 + [steel] * 4 + [Part.disc(0.020, friction=0.5)] * 3
-        random, surface = np.random.default_rng(5), Surface()
+        random = np.random.default_rng(5)
         self.pose = np.empty((11, 3))
         for p in range(11):
             row, column = divmod(p, 6)
             x = 0.07 + 0.138 * column + 0.07 * row * 0.9
             self.pose[p] = x, 0.055 + 0.1 * row, random.uniform(-math.pi, math.pi)
-        self.sensor = SENSORS.make(
-            "sensor", {"kind": "camera", "lines": "all", "edge": "threshold"}, surface, parts, 1, 1
-        )
-        state = new_state(1, len(parts))
-        state.pose[0], state.fallen[:] = self.pose, False
-        self.sensor.keep_pictures()
-        self.sensor.reset(np.array([0]), state, np.array([[0.3, 0.6]]))
+        self.sensor = camera(parts, self.pose, "all")
         self.setup = self.sensor.setup
         self.image = self.sensor.image()[0]
         self.found = new_found(self.setup.shape, 64)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
+from studies.thesis.camera_chain import camera
 from studies.thesis.figure import Figure, figure
 from studies.thesis.state_feedback import Estimate, Observer, feedback
 from studies.thesis.velocity import DEAD_ZONE
@@ -16,11 +17,9 @@ from vibgym import Surface
 from vibgym.actuators import DataSheet
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
-from vibgym.physics.core.records import new_state
 from vibgym.plugins.camera.look import measure_object
 from vibgym.plugins.camera.objects import find, new_found
 from vibgym.scene.parts import shipped_part
-from vibgym.sensing import SENSORS
 
 OBJECTS = (1, 2, 4, 6, 8)
 REPEATS = 200
@@ -53,13 +52,9 @@ def cycle(objects: int) -> Cycle:
     )
     pose, present = start[None], np.ones((1, objects), dtype=bool)
 
-    camera = SENSORS.make("sensor", {"kind": "camera", "lines": "half", "edge": "threshold"}, surface, parts, 1, 1)
-    state = new_state(1, objects)
-    state.pose[0], state.fallen[:] = start, False
-    camera.keep_pictures()
-    camera.reset(np.array([0]), state, np.array([[0.3, 0.6]]))
-    image, known = camera.image()[0], camera.setup.known
-    found, measures = new_found(camera.setup.shape, 4 * objects + 16), np.zeros((4 * objects + 16, 10))
+    sensor = camera(parts, start, "half")
+    image, known = sensor.image()[0], sensor.setup.known
+    found, measures = new_found(sensor.setup.shape, 4 * objects + 16), np.zeros((4 * objects + 16, 10))
 
     def look() -> None:
         find(image, known.interest, found)

@@ -10,7 +10,7 @@ from studies.accuracy import hard_cases
 from studies.accuracy.hard_cases import CASES, HardCase, run_case
 from studies.accuracy.hard_cases import case as motion
 from studies.accuracy.hard_cases.case import Scene, against_reference, at_most, follow, gap, one_element
-from studies.accuracy.hard_cases.sliding import through_zero
+from studies.accuracy.hard_cases.friction import through_zero
 from vibgym import Part, Surface
 
 
