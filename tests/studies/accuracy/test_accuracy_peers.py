@@ -88,14 +88,6 @@ def test_more_points_come_nearer_to_the_reference(part):
     assert errors[0] > 2 * errors[1] > 4 * errors[2] and errors[2] < 2e-5
 
 
-def test_worlds_do_not_depend_on_each_other():
-    surface = Surface()
-    pose, velocity, amplitude, phase = (np.array(each) for each in zip(*[scene(seed) for seed in range(4)]))
-    together = point_sampling.simulate(surface, BLOCK, pose, velocity, amplitude, phase, 2)
-    alone = point_sampling.simulate(surface, BLOCK, pose[2:3], velocity[2:3], amplitude[2:3], phase[2:3], 2)
-    assert (together[0][2] == alone[0][0]).all() and (together[1][2] == alone[1][0]).all()
-
-
 def test_a_part_too_fast_for_the_steps_has_no_numbers():
     pose, velocity = point_sampling.simulate(Surface(), BLOCK, [[0.4, 0.1, 0]], [[9.0, 0, 0]], 0, 0, 1, steps=12)
     assert np.isnan(pose).all() and np.isnan(velocity).all()
@@ -104,15 +96,6 @@ def test_a_part_too_fast_for_the_steps_has_no_numbers():
 
 
 # -- MuJoCo ------------------------------------------------------------------------------------------------------------
-
-
-def test_without_mujoco_the_extra_is_named(monkeypatch):
-    def missing(name):
-        raise ModuleNotFoundError(name)
-
-    monkeypatch.setattr(mujoco_scene.importlib, "import_module", missing)
-    with pytest.raises(ImportError, match=r"pip install vibgym\[mujoco\]"):
-        mujoco_scene.simulate(Surface(), BLOCK, *scene(1), 1)
 
 
 @needs_mujoco
