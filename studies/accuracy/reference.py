@@ -42,25 +42,15 @@ _STIFF_UNTIL = 1e-3  # slip over the scale of velocity: below, direction settles
 
 
 class Trajectory(NamedTuple):
-    """A part's motion at the boundaries of the periods.
+    """A part's motion at the boundaries of the periods."""
 
-    Attributes:
-        pose: (periods + 1, 3) x, y (m) of the centre of mass and heading (rad).
-        velocity: (periods + 1, 3), m/s and rad/s, at the instant.
-        sticking: (periods + 1,) whether the part moves with the table at that instant.
-        fallen: whether the centre of mass has left the support; from then on the part rests at that pose.
-        fall_time: s, or NaN.
-        switches: (n, 2) time (s), and 1 where sticking begins, 0 where sliding begins.
-        error: (periods + 1, 3) estimated error of ``pose``; zeros without estimate.
-    """
-
-    pose: np.ndarray
-    velocity: np.ndarray
-    sticking: np.ndarray
-    fallen: bool
-    fall_time: float
-    switches: np.ndarray
-    error: np.ndarray
+    pose: np.ndarray  # (periods + 1, 3) x, y (m) of the centre of mass and heading (rad)
+    velocity: np.ndarray  # (periods + 1, 3), m/s and rad/s, at the instant
+    sticking: np.ndarray  # (periods + 1,) whether the part moves with the table at that instant
+    fallen: bool  # whether the centre of mass has left the support; from then on the part rests at that pose
+    fall_time: float  # s, or NaN
+    switches: np.ndarray  # (n, 2) time (s), and 1 where sticking begins, 0 where sliding begins
+    error: np.ndarray  # (periods + 1, 3) estimated error of ``pose``; zeros without estimate
 
 
 def integrate(

@@ -124,20 +124,15 @@ class Segment(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """Input of every candidate.
-
-    Attributes:
-        pose, velocity: (worlds, 3) at the start.
-        segments: drives one after the other; one of them ends after ``settle`` periods.
-    """
+    """Input of every candidate."""
 
     name: str
     note: str
     surface: Surface
     part: Part
-    pose: np.ndarray
-    velocity: np.ndarray
-    segments: tuple[Segment, ...]
+    pose: np.ndarray  # (worlds, 3) m and rad, at the start
+    velocity: np.ndarray  # (worlds, 3) m/s and rad/s
+    segments: tuple[Segment, ...]  # drives one after the other; one of them ends after ``settle`` periods
     settle: int
     strong_tolerances: tuple[float, ...]
     weak_tolerances: tuple[float, ...]

@@ -59,7 +59,7 @@ def figure(name: str, values: Mapping[str, Any], pictures: Sequence[bytes], *tab
         pictures: PNG files, in the order of their captions.
         *tables: in the order of their captions.
     """
-    text = _filled(_texts()[name], values)
+    text = _filled(texts()[name], values)
     return Figure(
         text["title"],
         text["shows"],
@@ -75,7 +75,8 @@ def figure(name: str, values: Mapping[str, Any], pictures: Sequence[bytes], *tab
 
 
 @functools.cache
-def _texts() -> dict[str, Any]:
+def texts() -> dict[str, Any]:
+    """Return the text of all figures by name, in the order of the thesis."""
     return load_yaml(Path(__file__).with_name("texts.yaml"))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import importlib
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,46 +12,17 @@ from PIL import Image
 
 from agents.evaluation.pages import data_address, render
 from agents.evaluation.table import markdown
-from studies.thesis import (
-    camera_chain,
-    centroid_error,
-    control_cycle,
-    cylinder,
-    element_size,
-    friction_radius,
-    parameter_study,
-    prototype_steps,
-    simulated_steps,
-    speed_ratio,
-    squeeze,
-    steady_velocity,
-    transient,
-    velocity,
-)
-from studies.thesis.figure import Figure
+from studies.thesis.figure import Figure, texts
 from vibgym import files
 from vibgym.registry import Registry
 
-FIGURES: Registry[Callable[[], Figure]] = Registry(
-    "figure",
-    {
-        "transient": transient.draw,
-        "steady_velocity": steady_velocity.draw,
-        "speed_ratio": speed_ratio.draw,
-        "cylinder": cylinder.draw,
-        "camera_chain": camera_chain.draw,
-        "centroid_error": centroid_error.draw,
-        "pid_step": simulated_steps.draw_pid,
-        "state_space_step": simulated_steps.draw_state_space,
-        "parameter_study": parameter_study.draw,
-        "element_size": element_size.draw,
-        "friction_radius": friction_radius.draw,
-        "velocity": velocity.draw,
-        "squeeze": squeeze.draw,
-        "control_cycle": control_cycle.draw,
-        "prototype_steps": prototype_steps.draw,
-    },
-)
+
+def draw(name: str) -> Figure:
+    """Draw one figure, by the module of its name."""
+    return importlib.import_module(f"studies.thesis.{name}").draw()
+
+
+FIGURES: Registry[Callable[[], Figure]] = Registry("figure", {name: functools.partial(draw, name) for name in texts()})
 """Functions that compute and draw a figure, each in seconds, in the order of the thesis."""
 
 
@@ -60,7 +33,7 @@ def drawn(names: Sequence[str] | None) -> dict[str, Figure]:
         ValueError: an unknown figure; none is drawn.
     """
     chosen = {name: FIGURES.choose("figure", name) for name in (FIGURES if names is None else names)}
-    return {name: draw() for name, draw in chosen.items()}
+    return {name: make() for name, make in chosen.items()}
 
 
 def write(directory: Path, names: Sequence[str] | None = None) -> Path:

@@ -33,17 +33,11 @@ STABLE = math.radians(22.5)
 
 @dataclass(frozen=True)
 class Squeezed:
-    """Trajectories of parts, one per world.
+    """Trajectories of parts, one per world."""
 
-    Attributes:
-        time: (k,) s.
-        pose: (k, worlds, 3) m, rad, not wrapped.
-        symmetry: headings are modulo ``2 pi / symmetry``; in the thesis, modulo pi.
-    """
-
-    time: np.ndarray
-    pose: np.ndarray
-    symmetry: int
+    time: np.ndarray  # (k,) s
+    pose: np.ndarray  # (k, worlds, 3) m, rad, not wrapped
+    symmetry: int  # headings are modulo ``2 pi / symmetry``; in the thesis, modulo pi
 
     @property
     def offset(self) -> np.ndarray:

@@ -29,19 +29,13 @@ FINE_BOUND = 1e-6
 
 
 class Outcome(NamedTuple):
-    """Result of a case.
+    """Result of a case."""
 
-    Attributes:
-        measured, bound: in ``unit``; the case passes if measured <= bound, unless ``note`` states another relation.
-        passed: whether the case passes.
-        note: conditions and further numbers.
-    """
-
-    measured: float
-    bound: float
+    measured: float  # in ``unit``
+    bound: float  # the case passes if measured <= bound, unless ``note`` states another relation
     unit: str
-    passed: bool
-    note: str = ""
+    passed: bool  # whether the case passes
+    note: str = ""  # conditions and further numbers
 
 
 class HardCase(NamedTuple):

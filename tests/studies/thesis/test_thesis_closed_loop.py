@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from studies.thesis import control_cycle, prototype_steps
+from studies.thesis import control_cycle, pid_step, prototype_steps, state_space_step
 from studies.thesis.closed_loop import PidController, RealPlant, ReducedPlant, StateController, step_response
 from studies.thesis.figures import FIGURES
+from studies.thesis.pid_step import STEP
 from studies.thesis.prototype_steps import STEP as SMALL_STEP
 from studies.thesis.prototype_steps import overshoot, residual, responses
-from studies.thesis.simulated_steps import STEP, pid_responses, state_space_responses
 from vibgym import Surface
 from vibgym.scene.parts import shipped_part
 
@@ -18,7 +18,7 @@ PART = shipped_part("aluminium_block")
 
 def test_pid_on_the_reduced_and_on_the_real_plant():
     """Figs. 5.19 to 5.21: 20.6 %, and more where the amplitude's limit winds the integral up, the more the lower it is."""
-    runs = pid_responses()
+    runs = pid_step.responses()
     over = {name: float(run.overshoot(STEP)[0]) for name, run in runs.items()}
     assert over["reduced"] == pytest.approx(0.206, abs=0.002)
     assert 0.35 < over["real"] < 0.5 and 0.3 < over["lift-off"] < over["real"]
@@ -56,7 +56,7 @@ def test_anti_windup_on_the_real_plant():
 
 def test_state_space_does_not_overshoot():
     """Figs. 5.24 and 5.25. The inverse precedes the real plant, so both plants behave alike except for the limit."""
-    runs = state_space_responses()
+    runs = state_space_step.responses()
     assert all(float(run.overshoot(STEP)[0]) < 1e-3 and abs(run.position[-1, 0] - STEP) < 1e-3 for run in runs.values())
     free = step_response(StateController(), RealPlant(PART), 0.05, 4.0)  # within the limit
     ideal = step_response(StateController(), ReducedPlant(T), 0.05, 4.0)

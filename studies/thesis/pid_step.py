@@ -1,11 +1,11 @@
-"""Figs. 5.19 to 5.21, 5.24 and 5.25: step responses of the reduced and the real plant, PID and state space controller."""
+"""Figs. 5.19 to 5.21: step responses of the reduced and the real plant with the PID controller."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
-from studies.thesis.closed_loop import PidController, RealPlant, ReducedPlant, Response, StateController, step_response
+from studies.thesis.closed_loop import PidController, RealPlant, ReducedPlant, Response, step_response
 from studies.thesis.figure import Figure, figure
 from vibgym import Surface
 from vibgym.scene.parts import shipped_part
@@ -21,8 +21,8 @@ FINE = 1e-3
 """s, period that approximates continuous time."""
 
 
-def pid_responses() -> Mapping[str, Response]:
-    """Return the step responses of the PID controller by name."""
+def responses() -> Mapping[str, Response]:
+    """Return the step responses by name."""
     period, part = Surface().period, shipped_part("aluminium_block")
 
     def run(plant: ReducedPlant | RealPlant, late: bool = False) -> Response:
@@ -38,9 +38,9 @@ def pid_responses() -> Mapping[str, Response]:
     }
 
 
-def draw_pid() -> Figure:
-    """Compute and plot the step responses of the PID controller (figs. 5.19 to 5.21)."""
-    runs = pid_responses()
+def draw() -> Figure:
+    """Compute and plot the step responses."""
+    runs = responses()
     names = {name: name.replace(", ", "_").replace("-", "_") for name in runs}
     values = {
         **{f"peak_{names[name]}": float(run.position.max()) for name, run in runs.items()},
@@ -48,10 +48,10 @@ def draw_pid() -> Figure:
         **{f"fastest_{names[name]}": float(runs[name].velocity.max()) for name in ("real", "lift-off")},
         "wanted": runs["real"].wanted[:2, 0],
     }
-    return figure("pid_step", values, [_plot_pid(runs)])
+    return figure("pid_step", values, [_plot(runs)])
 
 
-def _plot_pid(runs: Mapping[str, Response]) -> bytes:
+def _plot(runs: Mapping[str, Response]) -> bytes:
     picture = new_figure(7.6, 4.6)
     panels = picture.subplots(2, 2)
     real = runs["real"]
@@ -73,43 +73,6 @@ def _plot_pid(runs: Mapping[str, Response]) -> bytes:
     panels[1, 1].plot(real.time, real.estimate, color=FAILURE, linewidth=1.0, linestyle="--", label="observer")
     style(panels[1, 1], xlabel="time, s", ylabel="velocity, m/s")
     for axes in panels.flat:
-        axes.set_xlim(0.0, SECONDS)
-        axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
-    return png(picture)
-
-
-def state_space_responses() -> Mapping[str, Response]:
-    """Return the step responses of the state space controller by plant."""
-    plants = {"reduced": ReducedPlant(FINE), "real": RealPlant(shipped_part("aluminium_block"), limit=LIMIT)}
-    return {name: step_response(StateController(), plant, STEP, SECONDS) for name, plant in plants.items()}
-
-
-def draw_state_space() -> Figure:
-    """Compute and plot the step responses of the state space controller (figs. 5.24 and 5.25)."""
-    runs = state_space_responses()
-    real = runs["real"]
-    limited = real.time[(real.wanted - real.given)[:, 0] > 1e-3]
-    values = {
-        **{f"over_{name}": max(100.0 * float(run.overshoot(STEP)[0]), 0.0) for name, run in runs.items()},
-        "first": float(real.wanted[0, 0]),
-        "until": f"until {limited[-1] + 0.04:.2f} s" if len(limited) else "never",
-        "amplitude": 1e3 * real.amplitude.max(),
-        "limited": "none: the first is the largest" if len(limited) else "all are within 0.25 mm",
-    }
-    return figure("state_space_step", values, [_plot_state_space(runs)])
-
-
-def _plot_state_space(runs: Mapping[str, Response]) -> bytes:
-    picture = new_figure(7.6, 2.6)
-    panels = picture.subplots(1, 2)
-    for (name, run), colour in zip(runs.items(), (INK, SUCCESS), strict=True):
-        panels[0].plot(run.time, run.position, color=colour, linewidth=1.2, label=name)
-    panels[0].axhline(STEP, color=MUTED, linewidth=0.6)
-    real = runs["real"]
-    panels[1].plot(real.time, real.wanted, color=FAILURE, linewidth=1.0, label="wanted")
-    panels[1].plot(real.time, real.given, color=SUCCESS, linewidth=1.2, label="after saturation")
-    for axes, label in zip(panels, ("position, m", "acceleration, m/s^2")):
-        style(axes, xlabel="time, s", ylabel=label)
         axes.set_xlim(0.0, SECONDS)
         axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
     return png(picture)
