@@ -35,11 +35,11 @@ def accuracy(arguments: argparse.Namespace) -> None:
         prepared = report.prepare(asked)
         held = command_line.entered(locks.one_run(prepared.output))
     with held:  # lock the directory until the files are written
-        found = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
-        path = page.write(found, prepared.output)
+        results = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
+        path = page.write(results, prepared.output)
     if not arguments.quiet and sys.stderr.isatty():
         print("\r\x1b[2K", end="", file=sys.stderr)
-    print(page.summary(found))
+    print(page.summary(results))
     print(f"\nreport: {path}")
 
 

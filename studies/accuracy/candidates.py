@@ -18,51 +18,32 @@ from vibgym.physics.core.drive import polar_drive
 from vibgym.simulation.simulator import Simulator
 
 NAMES = {"point_sampling": "point sampling", "LSODA": "SciPy LSODA", "DOP853": "SciPy DOP853", "mujoco": "MuJoCo"}
-"""Name in settings -> name in reports."""
+"""Peer in settings -> name in reports."""
 
 
 class Outcome(NamedTuple):
-    """Result of a run over the scene's first worlds.
+    """Result of a run over the scene's first worlds."""
 
-    Attributes:
-        settled, pose: (worlds, 3) after the periods left out of the mean velocity, and at the end; not finite where the
-            world has failed.
-        fallen: (worlds,) bool.
-        doubtful: (worlds,) bool, where the method itself reports that its result is not certified.
-        trouble: messages of worlds that failed.
-        seconds: wall time of the run alone, on one thread.
-    """
-
-    settled: np.ndarray
-    pose: np.ndarray
-    fallen: np.ndarray
-    doubtful: np.ndarray
-    trouble: tuple[str, ...]
-    seconds: float
+    settled: np.ndarray  # (worlds, 3) pose after the periods left out of the mean velocity; not finite where it failed
+    pose: np.ndarray  # (worlds, 3) at the end, likewise
+    fallen: np.ndarray  # (worlds,) bool
+    doubtful: np.ndarray  # (worlds,) bool, where the method itself reports that its result is not certified
+    trouble: tuple[str, ...]  # messages of worlds that failed
+    seconds: float  # wall time of the run alone, on one thread
 
 
 Runner = Callable[[], Outcome]
 
-World = Callable[[int], tuple[np.ndarray, np.ndarray, float]]
-"""Index of a world -> pose after the settling periods, pose at the end, and seconds."""
-
 
 class Candidate(NamedTuple):
-    """A method at one setting.
+    """A method at one setting."""
 
-    Attributes:
-        method: points of the same method form one curve.
-        knobs: its setting.
-        prepare: makes the run for a scene. Raises ValueError or ImportError where the method does not cover it.
-        compiled: whether the first run may include compilation and is not timed.
-        peer: whether it is not a model of ``vibgym``.
-    """
-
-    method: str
-    knobs: Mapping[str, Any]
+    method: str  # points of the same method form one curve
+    knobs: Mapping[str, Any]  # its setting
     prepare: Callable[[Scene], Runner]
-    compiled: bool = True
-    peer: bool = False
+    """Makes the run for a scene. Raises ValueError or ImportError where the method does not cover it."""
+    compiled: bool = True  # whether the first run may include compilation and is not timed
+    peer: bool = False  # whether it is not a model of vibgym
 
     @property
     def setting(self) -> str:
@@ -82,7 +63,7 @@ def prepare_model(scene: Scene, model: str, knobs: Mapping[str, Any], threads: i
 def prepare_simulator(scene: Scene, simulator: Simulator) -> Runner:
     """Return the run of a scene on a simulator with as many worlds."""
     w = scene.surface.angular_frequency
-    drives = [(polar_drive(each.amplitude, each.phase, w), each.periods) for each in scene.segments]
+    drives = [(polar_drive(amplitude, phase, w), periods) for amplitude, phase, periods in scene.segments]
 
     def run() -> Outcome:
         simulator.reset(scene.pose[:, None], scene.velocity[:, None])
@@ -128,69 +109,71 @@ def peer_candidate(peer: str, knobs: Mapping[str, Any], worlds: int) -> Candidat
             if peer == "mujoco":
                 why = "MuJoCo scene has one coefficient of friction"
             raise checks.refuse("scene", scene.name, f"scenes that always slide: this {why}")
+        if peer == "mujoco":
+            return _mujoco(scene, knobs, min(worlds, scene.worlds))
         if peer == "point_sampling":
-            return _sampled(scene, knobs)
-        one = _mujoco(scene, knobs) if peer == "mujoco" else _scipy(scene, peer, knobs)
-        return _each(one, min(worlds, scene.worlds))
+            return _in_segments(scene, _sampled(scene, knobs), scene.worlds)
+        return _in_segments(scene, _scipy(scene, peer, knobs), min(worlds, scene.worlds))
 
     shown = {name: value for name, value in knobs.items() if value is not None}
     return Candidate(NAMES[peer], shown, prepare, compiled=peer == "point_sampling", peer=True)
 
 
-def _sampled(scene: Scene, knobs: Mapping[str, Any]) -> Runner:
-    # All segments at full size: the measured time includes checks and copies of arrays, which are cheap.
+Advance = Callable[..., tuple[np.ndarray, np.ndarray, float, list[str]]]
+"""Pose and velocity (worlds, 3), amplitude and phase of their elements and periods -> pose, velocity, seconds and messages."""
+
+
+def _in_segments(scene: Scene, advance: Advance, worlds: int) -> Runner:
+    """Return the run of a scene's first worlds, segment by segment; poses of worlds that fail are not finite."""
+
     def run() -> Outcome:
-        pose, velocity, settled, done, took = scene.pose, scene.velocity, scene.pose, 0, 0.0
+        pose, velocity = scene.pose[:worlds], scene.velocity[:worlds]
+        settled, done, took, trouble = pose, 0, 0.0, []
         for amplitude, phase, periods in scene.segments:
-            given = np.nan_to_num(pose), np.nan_to_num(velocity), amplitude, phase, periods
-            began = time.perf_counter()
-            with np.errstate(all="ignore"):
-                pose, velocity = point_sampling.simulate(scene.surface, scene.part, *given, **knobs)
-            took += time.perf_counter() - began
-            done += periods
+            pose, velocity, seconds, messages = advance(pose, velocity, amplitude[:worlds], phase[:worlds], periods)
+            done, took, trouble = done + periods, took + seconds, trouble + messages
             if done == scene.settle:
                 settled = pose
-        lost = ~np.isfinite(pose).all(axis=1)
-        none = np.zeros(scene.worlds, dtype=bool)
-        return Outcome(settled, pose, none, none, ("not finite",) * int(lost.sum()), took)
-
-    return run
-
-
-def _each(one: World, worlds: int) -> Runner:
-    """Return a run of worlds one after the other; an error in a world counts as its failure."""
-
-    def run() -> Outcome:
-        settled, pose = np.full((worlds, 3), np.nan), np.full((worlds, 3), np.nan)
-        trouble, took = [], 0.0
-        for world in range(worlds):
-            try:
-                settled[world], pose[world], seconds = one(world)
-                took += seconds
-            except RuntimeError as error:
-                trouble.append(" ".join(str(error).split()))
         none = np.zeros(worlds, dtype=bool)
-        return Outcome(settled, pose, none, none, tuple(trouble), took if took else float("nan"))
+        return Outcome(settled, pose, none, none, tuple(trouble), took or float("nan"))
 
     return run
 
 
-def _scipy(scene: Scene, method: str, knobs: Mapping[str, Any]) -> World:
-    def one(world: int) -> tuple[np.ndarray, np.ndarray, float]:
-        pose, velocity, seconds, done = scene.pose[world], scene.velocity[world], 0.0, 0
-        settled = pose
-        for amplitude, phase, periods in scene.segments:
-            given = pose, velocity, amplitude[world], phase[world], periods
-            run = scipy_peers.integrate(scene.surface, scene.part, *given, method=method, **knobs)
-            pose, velocity, seconds, done = run.pose[-1], run.velocity[-1], seconds + run.seconds, done + periods
-            if done == scene.settle:
-                settled = pose
-        return settled, pose, seconds
+def _sampled(scene: Scene, knobs: Mapping[str, Any]) -> Advance:
+    def advance(pose, velocity, amplitude, phase, periods):
+        alive = np.isfinite(pose).all(axis=1)
+        start = np.nan_to_num(pose), np.nan_to_num(velocity), amplitude, phase, periods
+        began = time.perf_counter()
+        with np.errstate(all="ignore"):
+            pose, velocity = point_sampling.simulate(scene.surface, scene.part, *start, **knobs)
+        seconds = time.perf_counter() - began
+        pose[~alive] = np.nan
+        lost = alive & ~np.isfinite(pose).all(axis=1)
+        return pose, velocity, seconds, ["not finite"] * int(lost.sum())
 
-    return one
+    return advance
 
 
-def _mujoco(scene: Scene, knobs: Mapping[str, Any]) -> World:
+def _scipy(scene: Scene, method: str, knobs: Mapping[str, Any]) -> Advance:
+    def advance(pose, velocity, amplitude, phase, periods):
+        pose, velocity, seconds, messages = pose.copy(), velocity.copy(), 0.0, []
+        for world in np.flatnonzero(np.isfinite(pose).all(axis=1)):
+            start = pose[world], velocity[world], amplitude[world], phase[world], periods
+            try:
+                run = scipy_peers.integrate(scene.surface, scene.part, *start, method=method, **knobs)
+            except RuntimeError as error:
+                pose[world] = np.nan
+                messages.append(" ".join(str(error).split()))
+                continue
+            pose[world], velocity[world] = run.pose[-1], run.velocity[-1]
+            seconds += run.seconds
+        return pose, velocity, seconds, messages
+
+    return advance
+
+
+def _mujoco(scene: Scene, knobs: Mapping[str, Any], worlds: int) -> Runner:
     mujoco_scene.load_mujoco()
     if not scene.held:
         raise checks.refuse("scene", scene.name, "scenes whose drive is held: this MuJoCo scene takes one drive")
@@ -198,10 +181,20 @@ def _mujoco(scene: Scene, knobs: Mapping[str, Any]) -> World:
     # Built once here, to raise errors of unsupported scenes.
     mujoco_scene.build(scene.surface, scene.part, scene.pose[0], reach=0.0, **knobs)
 
-    def one(world: int) -> tuple[np.ndarray, np.ndarray, float]:
-        start = scene.pose[world], scene.velocity[world]
-        held = drive.amplitude[world], drive.phase[world], scene.periods
-        run = mujoco_scene.simulate(scene.surface, scene.part, *start, *held, **knobs)
-        return run.pose[scene.settle], run.pose[-1], run.seconds
+    def run() -> Outcome:
+        settled, pose = np.full((worlds, 3), np.nan), np.full((worlds, 3), np.nan)
+        trouble, took = [], 0.0
+        for world in range(worlds):
+            start = scene.pose[world], scene.velocity[world]
+            held = drive.amplitude[world], drive.phase[world], scene.periods
+            try:
+                motion = mujoco_scene.simulate(scene.surface, scene.part, *start, *held, **knobs)
+            except RuntimeError as error:
+                trouble.append(" ".join(str(error).split()))
+                continue
+            settled[world], pose[world] = motion.pose[scene.settle], motion.pose[-1]
+            took += motion.seconds
+        none = np.zeros(worlds, dtype=bool)
+        return Outcome(settled, pose, none, none, tuple(trouble), took or float("nan"))
 
-    return one
+    return run

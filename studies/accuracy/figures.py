@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from agents.evaluation.figures import INK, MUTED, new_figure, png, style
-from studies.accuracy import comparisons
-from studies.accuracy.ladder import Row, SceneResult
+from studies.accuracy.ladder import SceneResult
 from studies.accuracy.model_checks import Order
 
 STYLES = {
@@ -42,45 +42,44 @@ def error_against_cost(result: SceneResult) -> bytes:
     if result.models:
         handles.append(Line2D([], [], marker="^", markerfacecolor="none", label="step error alone", **look))
         handles.append(Line2D([], [], color=MUTED, linewidth=1.0, linestyle=(0, (5, 2)), label="model error alone"))
-    if any(row.failed for row in result.rows):
+    if result.table["failed_worlds"].any():
         handles.append(Line2D([], [], marker="x", label="fails in some worlds", **look))
     figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False, fontsize=8, labelcolor=INK)
     return png(figure)
 
 
 def _panel(axes: Axes, result: SceneResult, weak: bool) -> None:
-    floor = MIN_WEAK if weak else MIN_STRONG
-    scale = 100.0 if weak else 1e3
+    floor, scale = (MIN_WEAK, 100.0) if weak else (MIN_STRONG, 1e3)
+    column = "weak" if weak else "strong_median_m"
 
-    def shown(error: float | None) -> float:
-        return scale * max(error or 0.0, floor)
+    def shown(error: Any) -> Any:
+        return scale * np.maximum(error, floor)
 
     for tolerance in result.scene.weak_tolerances if weak else result.scene.strong_tolerances:
         axes.axhline(scale * tolerance, color="#9aa1ac", linewidth=0.7, zorder=1)
-    models = {each.method: each.weak if weak else each.strong.median for each in result.models}
+    models = {model.method: model.weak if weak else model.strong.median for model in result.models}
     for method in result.methods:
         colour, marker = style_of(method)
-        rows, costs, values = result.curve(method, weak)
+        curve = result.curve(method, weak)
         axes.plot(
-            costs, [shown(each) for each in values], marker, color=colour, markersize=5.5, alpha=0.85,
-            markeredgecolor="white", markeredgewidth=0.5, label=method if rows else "", zorder=3,
+            curve["cost_us"], shown(curve["error"]), marker, color=colour, markersize=5.5, alpha=0.85,
+            markeredgecolor="white", markeredgewidth=0.5, label="" if curve.empty else method, zorder=3,
         )  # fmt: skip
         if method in models:
             if math.isfinite(models[method]):
                 axes.axhline(shown(models[method]), color=colour, linewidth=1.0, linestyle=(0, (5, 2)), zorder=2)
-            steps = [row.weak_step if weak else row.strong_step and row.strong_step.median for row in rows]
+            steps = shown(curve["weak_step" if weak else "strong_step_median_m"])
             axes.plot(
-                costs, [shown(each) for each in steps], marker, color=colour, markersize=5.0, markerfacecolor="none",
-                markeredgewidth=0.8, zorder=2,
+                curve["cost_us"], steps, marker, color=colour, markersize=5.0, markerfacecolor="none", markeredgewidth=0.8,
+                zorder=2,
             )  # fmt: skip
-        failed = [row for row in result.rows if row.candidate.method == method and row.failed]
-        failed = [row for row in failed if math.isfinite(row.cost) and math.isfinite(_error(row, weak))]
-        if failed:
-            points = [row.cost for row in failed], [shown(_error(row, weak)) for row in failed]
-            axes.plot(*points, "x", color=colour, markersize=5, markeredgewidth=1.0, zorder=3)
-    best = comparisons.front(result, weak)
-    costs, errors = [row.cost for row in best], [shown(_error(row, weak)) for row in best]
-    axes.plot(costs, errors, color=INK, linewidth=1.1, label="Pareto front", zorder=2.5)
+        failed = result.table[(result.table["method"] == method) & (result.table["failed_worlds"] > 0)]
+        failed = failed[np.isfinite(failed["cost_us"]) & np.isfinite(failed[column])]
+        axes.plot(
+            failed["cost_us"], shown(failed[column]), "x", color=colour, markersize=5, markeredgewidth=1.0, zorder=3
+        )
+    best = result.table[result.table["front_weak" if weak else "front_strong"]].sort_values("cost_us")
+    axes.plot(best["cost_us"], shown(best[column]), color=INK, linewidth=1.1, label="Pareto front", zorder=2.5)
     axes.set(xscale="log", yscale="log")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(LogLocator(numticks=12))
@@ -94,17 +93,13 @@ def _panel(axes: Axes, result: SceneResult, weak: bool) -> None:
     )
 
 
-def _error(row: Row, weak: bool) -> float:
-    return row.weak if weak else row.strong.median
-
-
-def convergence(found: list[Order]) -> bytes:
+def convergence(orders: list[Order]) -> bytes:
     """Draw error over steps for every scene, with the fitted slopes."""
     figure = new_figure(6.4, 3.4)
     axes = figure.subplots()
-    for order, colour, marker in zip(found, ("#0b7a75", "#2f6fde", "#d1572a"), ("o", "s", "^"), strict=False):
+    for order, colour, marker in zip(orders, ("#0b7a75", "#2f6fde", "#d1572a"), ("o", "s", "^"), strict=False):
         axes.loglog(
-            order.steps, [1e3 * each for each in order.errors], marker, color=colour, markersize=5, linestyle="-",
+            order.steps, [1e3 * error for error in order.errors], marker, color=colour, markersize=5, linestyle="-",
             linewidth=1.0, label=f"{order.scene}: order {order.order:.2f}",
         )  # fmt: skip
     axes.legend(frameon=False, fontsize=8, labelcolor=INK)

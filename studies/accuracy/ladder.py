@@ -7,10 +7,10 @@ import statistics
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from studies.accuracy import errors, reference
 from studies.accuracy.candidates import Candidate, Outcome, Runner, curve_of, prepare_model
@@ -25,46 +25,28 @@ SLOW = 0.25  # s; longer runs that are not compiled are timed once
 SHORT = 2e-3  # s; shorter runs are repeated within a timing
 BUDGET = 0.7  # s per candidate and scene for all its timings, beyond three
 
-UNKNOWN = Spread(math.nan, math.nan, math.nan)
-
-
-@dataclass
-class Row:
-    """A candidate on a scene.
-
-    Attributes:
-        refused: why there is no run, or "".
-        cost: us per period, world and core; the median of ``timings`` rounds.
-        worlds: number of worlds that it ran.
-        strong, strong_step: error against the truth and against the refined run of its own model, m.
-        weak, weak_step: likewise of the mean velocity, relative.
-        failures: kind of failure -> number of worlds.
-        doubtful: number of worlds that the model itself does not certify.
-        strong_each: (worlds,) error against the truth, m.
-    """
-
-    candidate: Candidate
-    refused: str = ""
-    cost: float = math.nan
-    timings: int = 0
-    worlds: int = 0
-    strong: Spread = UNKNOWN
-    strong_step: Spread | None = None
-    weak: float = math.nan
-    weak_step: float | None = None
-    failures: dict[str, int] = field(default_factory=dict)
-    doubtful: int = 0
-    strong_each: np.ndarray = field(default_factory=lambda: np.empty(0), repr=False)
-
-    @property
-    def failed(self) -> int:
-        """Number of worlds that failed."""
-        return sum(self.failures.values())
-
-    @property
-    def usable(self) -> bool:
-        """Whether it may be on a front: it ran, and no world failed."""
-        return not self.refused and not self.failed
+ROW: dict[str, Any] = {
+    "scene": "",
+    "method": "",
+    "setting": "",
+    "cost_us": math.nan,  # per period, world and core; the median of ``timings`` rounds
+    "timings": 0,
+    "worlds": 0,  # that it ran
+    "strong_median_m": math.nan,  # error against the truth, over worlds
+    "strong_p95_m": math.nan,
+    "strong_max_m": math.nan,
+    "strong_step_median_m": math.nan,  # error against the refined run of its own model
+    "strong_step_p95_m": math.nan,
+    "weak": math.nan,  # error of the mean velocity, relative
+    "weak_step": math.nan,
+    "failed_worlds": 0,
+    "failures": {},  # kind of failure -> number of worlds
+    "doubtful_worlds": 0,  # that the model itself does not certify
+    "refused": "",  # why there is no run
+    "peer": False,
+    "strong_each": np.empty(0),  # (worlds,) error against the truth, m
+}
+"""Columns of the table of results, SI units, and their values without a run."""
 
 
 class Refined(NamedTuple):
@@ -80,34 +62,40 @@ class SceneResult(NamedTuple):
 
     scene: Scene
     models: list[Refined]
-    rows: list[Row]
+    table: Any
+    """:class:`pandas.DataFrame`, a row per candidate: the columns of :data:`ROW`, ``front_strong`` and ``front_weak``."""
 
-    def curve(self, method: str, weak: bool = False) -> tuple[list[Row], list[float], list[float]]:
-        """Return the usable rows of a method, their costs and errors."""
-        rows = [row for row in self.rows if row.candidate.method == method and row.usable]
-        return rows, [row.cost for row in rows], [row.weak if weak else row.strong.median for row in rows]
+    def curve(self, method: str, weak: bool = False) -> Any:
+        """Return the rows of a method that ran without a failed world, with the column ``error``."""
+        return usable(self.table[self.table["method"] == method], weak)
 
     @property
     def methods(self) -> list[str]:
         """Names in order of appearance."""
-        return list(dict.fromkeys(row.candidate.method for row in self.rows))
+        return self.table["method"].unique().tolist()
+
+
+def usable(table: Any, weak: bool) -> Any:
+    """Return the rows that may be on a front, with the column ``error``: weak, or the median of the strong ones."""
+    table = table.assign(error=table["weak" if weak else "strong_median_m"])
+    return table[(table["refused"] == "") & (table["failed_worlds"] == 0)]
 
 
 def compare(scene: Scene, outcome: Outcome, truth: Outcome) -> tuple[np.ndarray, float]:
     """Return the strong errors (worlds,) m and the weak error of a run of the scene's first worlds."""
     k = len(outcome.pose)
     duration = (scene.periods - scene.settle) * scene.surface.period
-    drift, right = ((each.pose - each.settled)[:k, :2] / duration for each in (outcome, truth))
+    drift, right = ((run.pose - run.settled)[:k, :2] / duration for run in (outcome, truth))
     return errors.strong_errors(outcome.pose, truth.pose[:k], scene.lever), errors.weak_error(drift, right)
 
 
 def failures(outcome: Outcome, truth: Outcome) -> dict[str, int]:
     """Return the number of worlds by kind of failure."""
     fell = truth.fallen[: len(outcome.pose)]
-    found = Counter(outcome.trouble)
-    found["fell, though it does not"] = int(np.sum(outcome.fallen & ~fell))
-    found["did not fall, though it does"] = int(np.sum(fell & ~outcome.fallen & np.isfinite(outcome.pose).all(axis=1)))
-    return {kind: number for kind, number in found.items() if number}
+    kinds = Counter(outcome.trouble)
+    kinds["fell, though it does not"] = int(np.sum(outcome.fallen & ~fell))
+    kinds["did not fall, though it does"] = int(np.sum(fell & ~outcome.fallen & np.isfinite(outcome.pose).all(axis=1)))
+    return {kind: number for kind, number in kinds.items() if number}
 
 
 def measure(
@@ -133,40 +121,53 @@ def measure(
         strong, weak = compare(scene, outcome, truth)
         models.append(Refined(name, errors.spread(strong), weak))
 
-    rows = [Row(each) for each in candidates]
-    runners: list[tuple[Row, Runner, list[float], int]] = []
-    for row in rows:
-        progress(f"{row.candidate.method}, {row.candidate.setting}")
+    rows: list[dict[str, Any]] = []
+    runs: list[tuple[dict[str, Any], Runner, list[float], int]] = []
+    for candidate in candidates:
+        progress(f"{candidate.method}, {candidate.setting}")
+        about = {"scene": scene.name, "method": candidate.method, "setting": candidate.setting, "peer": candidate.peer}
+        rows.append(ROW | about)
         try:
-            runner = row.candidate.prepare(scene)
+            runner = candidate.prepare(scene)
             outcome = runner()
         except (ValueError, ImportError) as error:
-            row.refused = " ".join(str(error).split())
+            rows[-1]["refused"] = " ".join(str(error).split())
             continue
-        row.worlds, row.failures, row.doubtful = (
-            len(outcome.pose),
-            failures(outcome, truth),
-            int(outcome.doubtful.sum()),
-        )
-        row.strong_each, row.weak = compare(scene, outcome, truth)
-        row.strong = errors.spread(row.strong_each)
-        if row.candidate.method in refined:
-            strong, row.weak_step = compare(scene, outcome, refined[row.candidate.method])
-            row.strong_step = errors.spread(strong)
-        if not row.candidate.compiled and not outcome.seconds <= SLOW:
-            runners.append((row, runner, [outcome.seconds], 0))
+        rows[-1] |= _errors(scene, outcome, truth, refined.get(candidate.method))
+        if not candidate.compiled and not outcome.seconds <= SLOW:
+            runs.append((rows[-1], runner, [outcome.seconds], 0))
         else:
             again = runner().seconds
-            runners.append((row, runner, [], int(min(max(3, BUDGET / max(again, 1e-9)), rounds))))
+            runs.append((rows[-1], runner, [], int(min(max(3, BUDGET / max(again, 1e-9)), rounds))))
     progress("timing in turn")
     for number in range(rounds):
-        for _, runner, times, wanted in runners:
+        for _, runner, times, wanted in runs:
             if number < wanted:
                 times.append(timed(runner))
-    for row, _, times, _ in runners:
-        row.cost = 1e6 * statistics.median(times) / (row.worlds * scene.periods)
-        row.timings = len(times)
-    return SceneResult(scene, models, rows)
+    for row, _, times, _ in runs:
+        row |= {"cost_us": 1e6 * statistics.median(times) / (row["worlds"] * scene.periods), "timings": len(times)}
+    table: Any = pd.DataFrame(rows, columns=list(ROW))
+    for name, weak in (("front_strong", False), ("front_weak", True)):
+        some = usable(table, weak)
+        table[name] = table.index.isin(some.index[errors.pareto(some["cost_us"].tolist(), some["error"].tolist())])
+    return SceneResult(scene, models, table)
+
+
+def _errors(scene: Scene, outcome: Outcome, truth: Outcome, refined: Outcome | None) -> dict[str, Any]:
+    """Return the columns of a run; without ``refined`` its model has none."""
+    kinds = failures(outcome, truth)
+    strong, weak = compare(scene, outcome, truth)
+    median, p95, worst = errors.spread(strong)
+    row = {
+        "worlds": len(outcome.pose), "failures": kinds, "failed_worlds": sum(kinds.values()),
+        "doubtful_worlds": int(outcome.doubtful.sum()), "strong_each": strong, "weak": weak,
+        "strong_median_m": median, "strong_p95_m": p95, "strong_max_m": worst,
+    }  # fmt: skip
+    if refined is not None:
+        step, weak_step = compare(scene, outcome, refined)
+        median, p95, _ = errors.spread(step)
+        row |= {"strong_step_median_m": median, "strong_step_p95_m": p95, "weak_step": weak_step}
+    return row
 
 
 def timed(runner: Runner) -> float:
@@ -179,22 +180,14 @@ def timed(runner: Runner) -> float:
 
 
 class TruthCheck(NamedTuple):
-    """The refined planar run against the independent reference.
+    """The refined planar run against the independent reference."""
 
-    Attributes:
-        worlds, periods: that the reference integrated.
-        gap: largest difference of the two (displacement of the outline), m.
-        estimate: largest error that the reference states of itself, m.
-        seconds: that the reference took.
-        trouble: why there is no check, or "".
-    """
-
-    worlds: int
+    worlds: int  # that the reference integrated
     periods: int
-    gap: float
-    estimate: float
-    seconds: float
-    trouble: str
+    gap: float  # m, largest difference of the two (displacement of the outline)
+    estimate: float  # m, largest error that the reference states of itself
+    seconds: float  # that the reference took
+    trouble: str  # why there is no check, or ""
 
 
 def check_truth(scene: Scene, settings: TruthSettings) -> TruthCheck:
@@ -208,8 +201,8 @@ def check_truth(scene: Scene, settings: TruthSettings) -> TruthCheck:
         at, speed, estimate = short.pose[world], short.velocity[world], 0.0
         try:
             for amplitude, phase, periods in short.segments:
-                given = at, speed, amplitude[world], phase[world], periods
-                run = reference.integrate(scene.surface, scene.part, *given, tolerance=settings.reference_tolerance)
+                start = at, speed, amplitude[world], phase[world], periods
+                run = reference.integrate(scene.surface, scene.part, *start, tolerance=settings.reference_tolerance)
                 at, speed = run.pose[-1], run.velocity[-1]
                 estimate += float(errors.strong_errors(run.error[-1:], np.zeros((1, 3)), scene.lever)[0])
         except (RuntimeError, ValueError) as error:

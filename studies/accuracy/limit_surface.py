@@ -48,7 +48,7 @@ def load(grip: Grip, needed: np.ndarray, start: np.ndarray | None = None) -> tup
         return float(wrench @ xi), np.array([wrench @ first, wrench @ second])
 
     scale = max(float(np.linalg.norm(grip(along))), 1e-300)
-    offset, least = _search(lambda b: tuple(each / scale for each in support(b)), guess)
+    offset, least = _search(lambda b: tuple(moment / scale for moment in support(b)), guess)
     least *= scale
     xi = along + offset[0] * first + offset[1] * second
     return (size / least if least > 0.0 else math.inf), xi / np.linalg.norm(xi)
@@ -94,5 +94,5 @@ def _across(along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _search(function, guess: np.ndarray) -> tuple[np.ndarray, float]:
     if np.abs(function(guess)[1]).max() <= _SETTLED:
         return guess, function(guess)[0]
-    found = minimize(function, guess, jac=True, method="BFGS", options={"gtol": _SETTLED, "maxiter": 200})
-    return found.x, float(found.fun)
+    minimum = minimize(function, guess, jac=True, method="BFGS", options={"gtol": _SETTLED, "maxiter": 200})
+    return minimum.x, float(minimum.fun)

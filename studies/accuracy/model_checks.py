@@ -55,21 +55,13 @@ ORDERS: list[tuple[dict[str, Any], tuple[int, ...], int, float | None]] = [
 
 
 class Order(NamedTuple):
-    """Measured order of convergence on one scene.
+    """Measured order of convergence on one scene."""
 
-    Attributes:
-        scene: name.
-        steps: Runge-Kutta steps per period.
-        errors: median strong error at each, m.
-        order: slope of the logarithms, fitted by least squares.
-        wanted: smallest acceptable order, or None.
-    """
-
-    scene: str
-    steps: tuple[int, ...]
-    errors: tuple[float, ...]
-    order: float
-    wanted: float | None
+    scene: str  # name
+    steps: tuple[int, ...]  # Runge-Kutta steps per period
+    errors: tuple[float, ...]  # m, median strong error at each
+    order: float  # slope of the logarithms, fitted by least squares
+    wanted: float | None  # smallest acceptable order
 
     @property
     def passed(self) -> bool:
@@ -77,11 +69,11 @@ class Order(NamedTuple):
         return self.wanted is None or self.order >= self.wanted
 
 
-def fitted_order(steps: tuple[int, ...], found: tuple[float, ...]) -> float:
+def fitted_order(steps: tuple[int, ...], medians: tuple[float, ...]) -> float:
     """Return minus the slope of log error over log steps; NaN where an error is zero or not finite."""
-    if not all(0.0 < each < math.inf for each in found):
+    if not all(0.0 < error < math.inf for error in medians):
         return math.nan
-    return -float(np.polyfit(np.log(steps), np.log(found), 1)[0])
+    return -float(np.polyfit(np.log(steps), np.log(medians), 1)[0])
 
 
 def measured_orders() -> list[Order]:
@@ -93,9 +85,9 @@ def measured_orders() -> list[Order]:
             prepare_model(scene, "planar", {"steps": count, "substeps": substeps}, threads=2)().pose
             for count in (8 * steps[-1], *steps)
         )
-        found = tuple(errors.spread(errors.strong_errors(pose, finest, scene.lever)).median for pose in poses)
-        total = tuple(substeps * each for each in steps)
-        rows.append(Order(scene.name, total, found, fitted_order(total, found), wanted))
+        medians = tuple(errors.spread(errors.strong_errors(pose, finest, scene.lever)).median for pose in poses)
+        total = tuple(substeps * step for step in steps)
+        rows.append(Order(scene.name, total, medians, fitted_order(total, medians), wanted))
     return rows
 
 
@@ -133,56 +125,46 @@ def friction_bound(steps: int) -> Bound:
     moments[:LANES] = 9.81
     slip, turn = rng.uniform(0.2, 0.4, 2 * LANES), rng.uniform(-1.0, 1.0, LANES)
     angle = np.arange(64) * (2.0 * math.pi / 64)
-    given = (moments, slip, turn, np.cos(angle), np.sin(angle))
-    evaluate(*given, 1)
+    arguments = (moments, slip, turn, np.cos(angle), np.sin(angle))
+    evaluate(*arguments, 1)
     times = []
     for _ in range(BOUND_ROUNDS):
         began = time.perf_counter()
-        evaluate(*given, EVALUATIONS)
+        evaluate(*arguments, EVALUATIONS)
         times.append((time.perf_counter() - began) / (EVALUATIONS * LANES))
-    each = 1e9 * statistics.median(times)
-    return Bound(each, steps, 1e-3 * each * STAGES * steps)
+    duration = 1e9 * statistics.median(times)
+    return Bound(duration, steps, 1e-3 * duration * STAGES * steps)
 
 
 AUTO_ROUNDS = 3
 
 
 class AutoRow(NamedTuple):
-    """The choice of ``model="auto"`` on a scene for a tolerance.
-
-    Attributes:
-        tolerance: m.
-        refused: the simulator's error where no setting is good enough, or "".
-        model, setting, reason: its choice.
-        promised, measured: m, median over worlds of the displacement of the part's outline in 25 periods.
-        promised_95, measured_95: the same for the 95th percentile, without a promise.
-        cost, planar_cost: us per period, world and core, of the choice and of the planar model with default knobs.
-        held: whether the measured median is within the tolerance.
-    """
+    """The choice of ``model="auto"`` on a scene for a tolerance."""
 
     scene: str
-    tolerance: float
-    refused: str = ""
+    tolerance: float  # m
+    refused: str = ""  # the simulator's error where no setting is good enough
     model: str = ""
     setting: str = ""
     reason: str = ""
-    promised: float | None = None
+    promised: float | None = None  # m, median over worlds of the displacement of the part's outline in 25 periods
     measured: float | None = None
-    promised_95: float | None = None
+    promised_95: float | None = None  # the same for the 95th percentile, without a promise
     measured_95: float | None = None
-    cost: float | None = None
-    planar_cost: float | None = None
-    held: bool | None = None
+    cost: float | None = None  # us per period, world and core
+    planar_cost: float | None = None  # of the planar model with default knobs
+    held: bool | None = None  # whether the measured median is within the tolerance
 
 
 def auto_rows(scene: Scene, tolerances: Sequence[float], settings: TruthSettings) -> list[AutoRow]:
     """Return one row for each tolerance, over the scene's first 25 periods, which the promise covers."""
     short = first_periods(scene, PERIODS, scene.worlds)
-    per_call = min(each.periods for each in short.segments)
+    per_call = min(segment.periods for segment in short.segments)
     truth = prepare_model(short, "planar", settings.knobs, threads=2)()
     planar = prepare_model(short, "planar", {})
     planar()
-    found = []
+    rows = []
     for tolerance in tolerances:
         try:
             simulator = Simulator(
@@ -190,7 +172,7 @@ def auto_rows(scene: Scene, tolerances: Sequence[float], settings: TruthSettings
                 periods_per_call=per_call,
             )  # fmt: skip
         except ValueError as error:
-            found.append(AutoRow(scene.name, tolerance, refused=" ".join(str(error).split())))
+            rows.append(AutoRow(scene.name, tolerance, refused=" ".join(str(error).split())))
             continue
         choice = simulator.choice
         runner = prepare_simulator(short, simulator)
@@ -199,12 +181,12 @@ def auto_rows(scene: Scene, tolerances: Sequence[float], settings: TruthSettings
         deviation[outcome.fallen != truth.fallen] = np.inf
         measured, measured_95, _ = errors.spread(deviation)
         times = [(timed(runner), timed(planar)) for _ in range(AUTO_ROUNDS)]
-        costs = [1e6 * statistics.median(each) / (scene.worlds * short.periods) for each in zip(*times, strict=True)]
+        costs = [1e6 * statistics.median(took) / (scene.worlds * short.periods) for took in zip(*times, strict=True)]
         setting = ", ".join(f"{name}={value}" for name, value in choice.knobs.items())
-        found.append(
+        rows.append(
             AutoRow(
                 scene.name, tolerance, "", choice.model, setting, choice.reason, choice.error, measured, choice.error_95,
                 measured_95, costs[0], costs[1], measured <= tolerance,
             )
         )  # fmt: skip
-    return found
+    return rows

@@ -77,14 +77,12 @@ def build(
 
     Raises:
         ImportError: MuJoCo is not installed.
-        ValueError: the part is not a rectangle, or a bad number.
+        ValueError: the part is not a rectangle.
     """
     mujoco = load_mujoco()
     length, width = _rectangle(part)
-    timestep = checks.number("timestep", timestep, above=0.0)
-    reach = checks.number("reach", reach, least=0.0)
-    contact_time = 20.0 * timestep if contact_time is None else checks.number("contact_time", contact_time, above=0.0)
-    x, y, heading = checks.array("pose", pose, (3,)).tolist()
+    contact_time = 20.0 * timestep if contact_time is None else contact_time
+    x, y, heading = (float(value) for value in pose)
     size, half = surface.element_size, 0.5 * surface.element_size
     span = reach + part.radius + surface.horizontal_amplitude + _CONTACTS_NEAR
     rows = range(max(0, math.floor((y - span) / size)), min(surface.rows, math.floor((y + span) / size) + 1))
@@ -149,16 +147,13 @@ def simulate(
 
     Raises:
         ImportError: MuJoCo is not installed.
-        ValueError: a bad argument.
+        ValueError: the part is not a rectangle, or a period not a whole number of time steps.
         RuntimeError: MuJoCo's state is no longer finite.
     """
     mujoco = load_mujoco()
-    periods = checks.count("periods", periods)
     shape = (surface.rows, surface.columns)
-    amplitude = checks.array("amplitude", amplitude, shape, least=0.0)
-    phase = checks.array("phase", phase, shape)
-    velocity = checks.array("velocity", velocity, (3,))
-    steps = round(surface.period / checks.number("timestep", timestep, above=0.0))
+    amplitude, phase = np.broadcast_to(amplitude, shape), np.broadcast_to(phase, shape)
+    steps = round(surface.period / timestep)
     if steps < 1 or abs(steps * timestep - surface.period) > 1e-9 * surface.period:
         raise checks.refuse("timestep", timestep, f"a whole fraction of the period {surface.period:g} s")
     drift = 0.72 * surface.table_speed + math.hypot(velocity[0], velocity[1])
@@ -177,10 +172,10 @@ def simulate(
         (scene.column + 0.5) * surface.element_size - data.qpos[first],
         (scene.row + 0.5) * surface.element_size - data.qpos[first + 1],
     ) < part.radius + 0.5 * surface.element_size  # fmt: skip
-    height, climb = (each[0, 2:][near].mean() if near.any() else 0.0 for each in (place, rate))
+    height, climb = (array[0, 2:][near].mean() if near.any() else 0.0 for array in (place, rate))
     data.qpos[first + 2] += height
     data.qvel[first : first + 6] = [velocity[0], velocity[1], climb, 0, 0, velocity[2]]
-    path, heading = np.empty((periods + 1, 3)), float(checks.array("pose", pose, (3,))[2])
+    path, heading = np.empty((periods + 1, 3)), float(pose[2])
     path[0] = data.qpos[first], data.qpos[first + 1], heading
     began = time.perf_counter()
     for period in range(periods):

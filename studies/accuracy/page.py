@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 from pathlib import Path
 from typing import Any
 
-import jinja2
+import pandas as pd
 
+from agents.evaluation.pages import data_address, render
 from agents.evaluation.table import markdown, plain
 from studies.accuracy import comparisons, figures
-from studies.accuracy.ladder import Row, SceneResult
+from studies.accuracy.ladder import SceneResult
 from studies.accuracy.report import FILES, Report
 from vibgym import files
 
@@ -24,87 +24,42 @@ def write(report: Report, output: Path) -> Path:
     return output / "report.html"
 
 
-# -- results.csv, results.json -----------------------------------------------------------------------------------------
-
-
-def record(result: SceneResult, row: Row) -> dict[str, Any]:
-    """Return one row of results.csv: SI units, costs in us; None where a value does not apply."""
-    step = row.strong_step
-    return {
-        "scene": result.scene.name,
-        "method": row.candidate.method,
-        "setting": row.candidate.setting,
-        "cost_us": row.cost,
-        "timings": row.timings,
-        "worlds": row.worlds,
-        "strong_median_m": row.strong.median,
-        "strong_p95_m": row.strong.p95,
-        "strong_max_m": row.strong.worst,
-        "strong_step_median_m": None if step is None else step.median,
-        "strong_step_p95_m": None if step is None else step.p95,
-        "weak": row.weak,
-        "weak_step": row.weak_step,
-        "failed_worlds": row.failed,
-        "failures": "; ".join(f"{kind} ({number})" for kind, number in row.failures.items()),
-        "doubtful_worlds": row.doubtful,
-        "refused": row.refused,
-        "front_strong": row in comparisons.front(result, False),
-        "front_weak": row in comparisons.front(result, True),
-    }
-
-
 def csv_text(report: Report) -> str:
-    """Return every candidate on every scene."""
-    return files.csv_text([record(result, row) for result in report.results for row in result.rows])
+    """Return every candidate on every scene: SI units, costs in us; empty cells where a value does not apply."""
+    table = pd.concat([result.table for result in report.results]).drop(columns=["peer", "strong_each"])
+    table["failures"] = ["; ".join(f"{kind} ({number})" for kind, number in row.items()) for row in table["failures"]]
+    return files.csv_text(table.to_dict("records"))
 
 
 def json_text(report: Report) -> str:
-    """Return the content of the page as JSON."""
-    heads = [
-        {**each._asdict(), "found": [one._asdict() for one in each.found], "ratios": each.ratios, "passed": each.passed}
-        for each in report.headlines
-    ]
+    """Return what the table does not have as JSON: ratios, orders, checks, hard cases, settings and versions."""
     content = {
         "provenance": report.provenance,
         "seconds": report.seconds,
         "settings": report.settings.model_dump(),
-        "headlines": heads,
-        "orders": [{**each._asdict(), "passed": each.passed} for each in report.orders],
-        "auto": [each._asdict() for each in report.auto],
+        "headlines": [_plain(head, "ratios", "passed") for head in report.headlines],
+        "orders": [_plain(order, "passed") for order in report.orders],
+        "auto": [_plain(row) for row in report.auto],
         "hard_cases": [
-            {"name": case.name, "question": case.question, **outcome._asdict()} for case, outcome in report.hard_cases
+            {"name": case.name, "question": case.question, **_plain(outcome)} for case, outcome in report.hard_cases
         ],
         "rigid": report.rigid,
-        "scenes": [_scene_record(report, index) for index in range(len(report.results))],
+        "truth": {result.scene.name: _plain(check) for result, check in zip(report.results, report.checks)},
+        "models": {result.scene.name: [_plain(model) for model in result.models] for result in report.results},
     }
     return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
 
 
-def _scene_record(report: Report, index: int) -> dict[str, Any]:
-    result = report.results[index]
+def _plain(record: Any, *more: str) -> dict[str, Any]:
+    """Return a record, those in it, and some of its properties as mappings."""
+    values = {**record._asdict(), **{name: getattr(record, name) for name in more}}
+    return {key: _nested(value) for key, value in values.items()}
 
-    def named(row: Row | None) -> dict[str, Any] | None:
-        if row is None:
-            return None
-        return {"method": row.candidate.method, "setting": row.candidate.setting, "cost_us": row.cost}
 
-    return {
-        "name": result.scene.name,
-        "worlds": result.scene.worlds,
-        "periods": result.scene.periods,
-        "truth": report.checks[index]._asdict() if report.checks else None,
-        "models": [{**each._asdict(), "strong": each.strong._asdict()} for each in result.models],
-        "choices": [
-            {
-                "weak": each.weak,
-                "tolerance": each.tolerance,
-                "cheapest": named(each.row),
-                "by_method": {name: named(row) for name, row in each.by_method.items()},
-            }
-            for each in comparisons.choices(result)
-        ],
-        "rows": [record(result, row) for row in result.rows],
-    }
+def _nested(value: Any) -> Any:
+    if hasattr(value, "_asdict"):
+        return _plain(value)
+    return [_nested(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 # -- text --------------------------------------------------------------------------------------------------------------
@@ -133,12 +88,13 @@ def summary(report: Report) -> str:
     """Return the cheapest setting for every tolerance, and the ratios, in Markdown."""
     cheapest = []
     for result in report.results:
-        for each in comparisons.choices(result):
-            tolerance = f"{error_text(each.tolerance, each.weak)} of {'mean velocity' if each.weak else 'trajectory'}"
+        for choice in comparisons.choices(result):
+            tolerance = (
+                f"{error_text(choice.tolerance, choice.weak)} of {'mean velocity' if choice.weak else 'trajectory'}"
+            )
             name, cost = "no setting", "–"
-            if each.row is not None:
-                name = f"{each.row.candidate.method}: {each.row.candidate.setting}"
-                cost = significant(each.row.cost, 3)
+            if choice.row is not None:
+                name, cost = f"{choice.row.method}: {choice.row.setting}", significant(choice.row.cost_us, 3)
             cheapest.append((result.scene.name, tolerance, name, cost))
     ratios = []
     for head in report.headlines:
@@ -158,80 +114,68 @@ def summary(report: Report) -> str:
 
 def page(report: Report) -> str:
     """Return the page as HTML."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=jinja2.StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    environment.globals.update(
-        error=error_text, short=significant, colour=lambda name: figures.style_of(name)[0],
+    settings, about = report.settings, report.provenance
+    return render(
+        Path(__file__).with_name("page.html.j2"),
+        error=error_text,
+        short=significant,
+        colour=lambda name: figures.style_of(name)[0],
         verdicts={None: "", True: "met", False: "missed"},
-    )  # fmt: skip
-    settings = report.settings
-    return environment.get_template("page.html.j2").render(
         report=report,
         settings=settings,
         truth=settings.truth,
         scenes=[_scene(result) for result in report.results],
         overview=[
-            [comparisons.choice(result, False, each) for each in settings.strong_tolerances]
-            + [comparisons.choice(result, True, each) for each in settings.weak_tolerances]
+            [comparisons.choice(result, False, tolerance) for tolerance in settings.strong_tolerances]
+            + [comparisons.choice(result, True, tolerance) for tolerance in settings.weak_tolerances]
             for result in report.results
         ],
         troubles=[trouble for result in report.results for trouble in troubles(result)],
-        convergence=_data(figures.convergence(report.orders)) if report.orders else None,
+        convergence=data_address(figures.convergence(report.orders)) if report.orders else None,
         cases=[case._asdict() | outcome._asdict() for case, outcome in report.hard_cases],
+        facts={"time": about["time"], "commit": about["commit"], **about["host"], **about["versions"]},
         settings_text=json.dumps(plain(settings.model_dump()), indent=1),
     )
-
-
-def _data(content: bytes) -> str:
-    return f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def _scene(result: SceneResult) -> dict[str, Any]:
     return {
         "result": result,
         "scene": result.scene,
-        "figure": _data(figures.error_against_cost(result)),
+        "figure": data_address(figures.error_against_cost(result)),
         "choices": comparisons.choices(result),
-        "strong_front": comparisons.front(result, False),
-        "weak_front": comparisons.front(result, True),
+        "rows": list(result.table[result.table["refused"] == ""].itertuples()),
         "absent": absent(result),
     }
 
 
 def absent(result: SceneResult) -> list[tuple[str, str]]:
     """Return the methods that refuse the scene at every setting, and why."""
-    found = []
-    for method in result.methods:
-        rows = [row for row in result.rows if row.candidate.method == method]
-        if all(row.refused for row in rows):
-            found.append((method, rows[0].refused))
-    return found
+    refused = result.table.groupby("method", sort=False)["refused"]
+    return [(str(method), reasons.iloc[0]) for method, reasons in refused if (reasons != "").all()]
 
 
 def troubles(result: SceneResult) -> list[tuple[str, str, str, str]]:
     """Return scene, method, settings and failure; settings with the same failure are merged."""
-    kinds: dict[tuple[str, str], list[tuple[Row, int]]] = {}
-    for row in result.rows:
-        found = {f"failed: {kind}": number for kind, number in row.failures.items()}
+    kinds: dict[tuple[str, str], list[tuple[Any, int]]] = {}
+    for row in result.table.itertuples():
+        failures = {f"failed: {kind}": number for kind, number in row.failures.items()}
         if row.refused:
-            found[f"refused: {row.refused}"] = 0
-        if row.doubtful:
-            found["reports worlds as doubtful, where slip may have passed through zero"] = row.doubtful
-        for kind, number in found.items():
-            kinds.setdefault((row.candidate.method, kind), []).append((row, number))
+            failures[f"refused: {row.refused}"] = 0
+        if row.doubtful_worlds:
+            failures["reports worlds as doubtful, where slip may have passed through zero"] = row.doubtful_worlds
+        for kind, number in failures.items():
+            kinds.setdefault((str(row.method), kind), []).append((row, number))
     lines = []
     for (method, kind), rows in kinds.items():
         numbers, worlds = [number for _, number in rows], rows[0][0].worlds
-        if len(rows) == sum(row.candidate.method == method for row in result.rows):
+        if len(rows) == (result.table["method"] == method).sum():
             low, high = min(numbers), max(numbers)
             several = f", {low}{f' to {high}' if high > low else ''} of {worlds} worlds" if high else ""
             which = f"every setting{several}"
         else:
             which = "; ".join(
-                row.candidate.setting + (f" ({number} of {row.worlds} worlds)" if number else "")
-                for row, number in rows
+                row.setting + (f" ({number} of {row.worlds} worlds)" if number else "") for row, number in rows
             )
         lines.append((result.scene.name, method, which, kind))
     return lines

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from vibgym import checks
 from vibgym.kernels.jit import jit
 
 _TINY = 1e-30  # (m/s)^2; avoids 0/0 at a point at rest relative to the table
@@ -80,23 +79,14 @@ def simulate(
         periods: duration.
         points: per side: ``points x points`` over the part.
         steps: Runge-Kutta steps per period.
-
-    Raises:
-        ValueError: a bad argument.
     """
-    worlds = len(np.atleast_2d(pose))
-    pose = checks.array("pose", pose, (worlds, 3))
-    velocity = checks.array("velocity", velocity, (worlds, 3))
-    shape = (worlds, surface.rows, surface.columns)
-    amplitude = checks.array("amplitude", amplitude, shape, least=0.0, most=surface.lift_off_amplitude * (1.0 + 1e-9))
-    phase = checks.array("phase", phase, shape)
-    points, steps = checks.count("points", points, least=2), checks.count("steps", steps)
-    periods = checks.count("periods", periods)
+    shape = (len(pose), surface.rows, surface.columns)
+    amplitude, phase = np.broadcast_to(amplitude, shape), np.broadcast_to(phase, shape)
     turns = part.symmetry != 0
     x, y, weight = strew(part.outline, points) if turns else strew_disc(part.radius, points)
     acceleration = amplitude * surface.angular_frequency**2
     angle = np.arange(2 * steps + 1) * (math.pi / steps)
-    state = np.concatenate([pose, velocity], axis=1)
+    state = np.concatenate([pose, velocity], axis=1, dtype=float)
     _advance(
         state, acceleration * np.cos(phase), acceleration * np.sin(phase), x, y, weight, float(np.hypot(x, y).max()),
         part.friction, part.gyration, turns, surface.element_size, surface.gravity, surface.table_speed,

@@ -42,25 +42,15 @@ _STIFF_UNTIL = 1e-3  # slip over the scale of velocity: below, direction settles
 
 
 class Trajectory(NamedTuple):
-    """A part's motion at the boundaries of the periods.
+    """A part's motion at the boundaries of the periods."""
 
-    Attributes:
-        pose: (periods + 1, 3) x, y (m) of the centre of mass and heading (rad).
-        velocity: (periods + 1, 3), m/s and rad/s, at the instant.
-        sticking: (periods + 1,) whether the part moves with the table at that instant.
-        fallen: whether the centre of mass has left the support; from then on the part rests at that pose.
-        fall_time: s, or NaN.
-        switches: (n, 2) time (s), and 1 where sticking begins, 0 where sliding begins.
-        error: (periods + 1, 3) estimated error of ``pose``; zeros without estimate.
-    """
-
-    pose: np.ndarray
-    velocity: np.ndarray
-    sticking: np.ndarray
-    fallen: bool
-    fall_time: float
-    switches: np.ndarray
-    error: np.ndarray
+    pose: np.ndarray  # (periods + 1, 3) x, y (m) of the centre of mass and heading (rad)
+    velocity: np.ndarray  # (periods + 1, 3), m/s and rad/s, at the instant
+    sticking: np.ndarray  # (periods + 1,) whether the part moves with the table at that instant
+    fallen: bool  # whether the centre of mass has left the support; from then on the part rests at that pose
+    fall_time: float  # s, or NaN
+    switches: np.ndarray  # (n, 2) time (s), and 1 where sticking begins, 0 where sliding begins
+    error: np.ndarray  # (periods + 1, 3) estimated error of ``pose``; zeros without estimate
 
 
 def integrate(
@@ -228,11 +218,11 @@ class _Run:
         """Move a part with the table until it breaks away, falls or the period ends; no breakaway before ``fresh``."""
         if self.radius == 0.0 and not self.incline.any():
             return self.period, self.carried(y, t0, self.period), "end"
-        found: list[np.ndarray | None] = [None]
+        last: list[np.ndarray | None] = [None]
 
         def excess(t: float) -> float:
             at = self.carried(y, t0, t)
-            value, found[0] = self.load(at, t, found[0])
+            value, last[0] = self.load(at, t, last[0])
             return min(value, 1e6) - 1.0 - ROUNDING
 
         def support(t: float) -> float:
@@ -381,5 +371,5 @@ class _Run:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    found: Any = brentq(function, low, high, xtol=1e-15, rtol=np.float64(1e-14))
-    return float(found)
+    root: Any = brentq(function, low, high, xtol=1e-15, rtol=np.float64(1e-14))
+    return float(root)

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import platform
+import importlib.util
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agents.provenance import processor
+from agents.provenance import provenance
 from studies.accuracy import comparisons, hard_cases, ladder, model_checks, rigid
 from studies.accuracy.candidates import Candidate, model_candidate, peer_candidate
 from studies.accuracy.scenes import Scene, scenes_from
 from studies.accuracy.settings import ReportSettings
 from vibgym import checks, files
 from vibgym.simulation.simulator import Simulator
-from vibgym.simulation.threads import available_threads
 
 FILES = ("results.csv", "results.json", "report.html")
-PACKAGES = ("vibgym", "numpy", "numba", "scipy", "shapely", "mujoco", "matplotlib")
 
 
 class Prepared(NamedTuple):
@@ -52,7 +49,7 @@ class Report(NamedTuple):
     auto: list[model_checks.AutoRow]
     hard_cases: list[tuple[hard_cases.HardCase, hard_cases.Outcome]]
     rigid: dict[str, Any]
-    provenance: dict[str, str]
+    provenance: dict[str, Any]
     seconds: float
 
 
@@ -68,11 +65,11 @@ def prepare(settings: ReportSettings) -> Prepared:
             Simulator(
                 scene.surface, scene.part
             )  # raises for scenes without truth, which the planar model does not cover
-    found = [model_candidate(*each) for each in settings.model_settings()]
-    found += [peer_candidate(*each, settings.peer_worlds) for each in settings.peer_settings()]
+    built = [model_candidate(*pair) for pair in settings.model_settings()]
+    built += [peer_candidate(*pair, settings.peer_worlds) for pair in settings.peer_settings()]
     candidates: dict[tuple[str, str], Candidate] = {}
-    for each in found:
-        candidates.setdefault((each.method, each.setting), each)
+    for candidate in built:
+        candidates.setdefault((candidate.method, candidate.setting), candidate)
     output = files.output_directory(Path(settings.output))
     files.output_files((output / name for name in FILES), "output")
     return Prepared(settings, scenes, list(candidates.values()), output)
@@ -82,43 +79,32 @@ def run(prepared: Prepared, progress: Callable[[str], Any] = lambda text: None) 
     """Measure everything."""
     began = time.perf_counter()
     settings = prepared.settings
-    finest = settings.truth
     results, checked, promises = [], [], []
     for scene in prepared.scenes:
 
         def here(text: str, name: str = scene.name) -> None:
             progress(f"{name}: {text}")
 
-        results.append(ladder.measure(scene, prepared.candidates, finest, settings.rounds, here))
-        if finest.reference_worlds:
+        results.append(ladder.measure(scene, prepared.candidates, settings.truth, settings.rounds, here))
+        if settings.truth.reference_worlds:
             here("independent reference")
-            checked.append(ladder.check_truth(scene, finest))
+            checked.append(ladder.check_truth(scene, settings.truth))
     if settings.orders:
         progress("orders of convergence")
     orders = model_checks.measured_orders() if settings.orders else []
     for scene in prepared.scenes if settings.auto_tolerances else ():
         progress(f"{scene.name}: model='auto'")
-        promises += model_checks.auto_rows(scene, settings.auto_tolerances, finest)
+        promises += model_checks.auto_rows(scene, settings.auto_tolerances, settings.truth)
     if settings.hard_cases:
         progress("hard cases")
     cases = hard_cases.run_all() if settings.hard_cases else []
     headlines, seconds = comparisons.headlines(results), time.perf_counter() - began
-    return Report(
-        settings, results, checked, orders, headlines, promises, cases, rigid.stored(), provenance(), seconds
-    )  # fmt: skip
+    return Report(settings, results, checked, orders, headlines, promises, cases, rigid.stored(), _about(), seconds)
 
 
-def provenance() -> dict[str, str]:
-    """Return time, host and versions; "not installed" for missing packages."""
-    found = {
-        "time": datetime.now(UTC).isoformat(timespec="seconds"),
-        "system": platform.platform(),
-        "processor": f"{processor()}, {available_threads()} cores",
-        "python": platform.python_version(),
-    }
-    for name in PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+def _about() -> dict[str, Any]:
+    """Return time, commit, host and versions; MuJoCo's and shapely's are those of peers and reference."""
+    about = provenance()
+    versions: Any = about["versions"]
+    peers = {name: metadata.version(name) for name in ("shapely", "mujoco") if importlib.util.find_spec(name)}
+    return {**about, "versions": {**versions, **peers}}

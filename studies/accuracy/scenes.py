@@ -81,7 +81,7 @@ DRIVES: Registry[type[Drive]] = Registry(
     "drive", {"random": RandomDrive, "uniform": UniformDrive, "fields": FieldsDrive}
 )
 FIELDS: Registry[Callable[..., fields.Field]] = Registry(
-    "field", {each.__name__: each for each in (fields.uniform, fields.squeeze, fields.radial, fields.tangential)}
+    "field", {field.__name__: field for field in (fields.uniform, fields.squeeze, fields.radial, fields.tangential)}
 )
 
 
@@ -124,20 +124,15 @@ class Segment(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """Input of every candidate.
-
-    Attributes:
-        pose, velocity: (worlds, 3) at the start.
-        segments: drives one after the other; one of them ends after ``settle`` periods.
-    """
+    """Input of every candidate."""
 
     name: str
     note: str
     surface: Surface
     part: Part
-    pose: np.ndarray
-    velocity: np.ndarray
-    segments: tuple[Segment, ...]
+    pose: np.ndarray  # (worlds, 3) m and rad, at the start
+    velocity: np.ndarray  # (worlds, 3) m/s and rad/s
+    segments: tuple[Segment, ...]  # drives one after the other; one of them ends after ``settle`` periods
     settle: int
     strong_tolerances: tuple[float, ...]
     weak_tolerances: tuple[float, ...]
@@ -150,7 +145,7 @@ class Scene(NamedTuple):
     @property
     def periods(self) -> int:
         """Duration of the run."""
-        return sum(each.periods for each in self.segments)
+        return sum(segment.periods for segment in self.segments)
 
     @property
     def slides(self) -> bool:
@@ -160,7 +155,7 @@ class Scene(NamedTuple):
     @property
     def held(self) -> bool:
         """Whether the drive is constant."""
-        return all(each.amplitude is self.segments[0].amplitude for each in self.segments)
+        return all(segment.amplitude is self.segments[0].amplitude for segment in self.segments)
 
     @property
     def lever(self) -> float:
@@ -180,25 +175,25 @@ def first_periods(scene: Scene, periods: int, worlds: int) -> Scene:
 
 
 def scenes_from(
-    given: Sequence[Any], strong_tolerances: Sequence[float] = (1e-4,), weak_tolerances: Sequence[float] = (0.02,)
+    listed: Sequence[Any], strong_tolerances: Sequence[float] = (1e-4,), weak_tolerances: Sequence[float] = (0.02,)
 ) -> list[Scene]:
     """Return scenes from mappings of :class:`SceneSettings`.
 
     Args:
-        given: the mappings.
+        listed: the mappings.
         strong_tolerances, weak_tolerances: defaults for scenes.
 
     Raises:
         ValueError: the first fault, in one line that begins with ``scenes.<number>``.
     """
-    found: list[Scene] = []
-    for index, data in enumerate(given):
+    scenes: list[Scene] = []
+    for index, data in enumerate(listed):
         where = f"scenes.{index}"
         scene = scene_from(data, where, strong_tolerances, weak_tolerances)
-        if any(scene.name == other.name for other in found):
+        if any(scene.name == other.name for other in scenes):
             raise checks.refuse(f"{where}.name", scene.name, "a name that no other scene has")
-        found.append(scene)
-    return found
+        scenes.append(scene)
+    return scenes
 
 
 def scene_from(
@@ -230,15 +225,15 @@ def scene_from(
 def _starts(
     start: StartSettings, surface: Surface, part: Part, worlds: int, rng: np.random.Generator, where: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    def within(name: str, given: tuple[float, float] | None, extent: float) -> tuple[float, float]:
+    def within(name: str, ends: tuple[float, float] | None, extent: float) -> tuple[float, float]:
         middle, reach = 0.5 * extent, min(surface.element_size, 0.25 * extent)
-        low, high = (middle - reach, middle + reach) if given is None else given
+        low, high = (middle - reach, middle + reach) if ends is None else ends
         if not 0.0 <= low <= high <= extent:
             raise checks.refuse(f"{where}.{name}", (low, high), f"a range [low, high] within [0, {extent:g}] m")
         return low, high
 
     ranges = [within("x", start.x, surface.width), within("y", start.y, surface.depth), start.heading]
-    pose = np.stack([rng.uniform(*each, size=worlds) for each in ranges], axis=1)
+    pose = np.stack([rng.uniform(*ends, size=worlds) for ends in ranges], axis=1)
     velocity = np.zeros((worlds, 3))
     if start.velocity == "idle":
         velocity[:, :2] = surface.idle_velocity(part.friction)
@@ -270,7 +265,7 @@ def _segments(
     else:
         total = _fields(drive.fields, f"{where}.fields")
         sampled = total.drive(surface, friction=part.friction if drive.lead else None)
-        amplitude, phase = (np.ascontiguousarray(np.broadcast_to(each, shape)) for each in sampled)
+        amplitude, phase = (np.ascontiguousarray(np.broadcast_to(array, shape)) for array in sampled)
     held = [periods] if settle == 0 else [settle, periods - settle]
     return tuple(Segment(amplitude, phase, length) for length in held)
 
@@ -283,12 +278,12 @@ def _random(
     return largest * np.minimum(share, 1.0), rng.uniform(0.0, 2.0 * math.pi, shape)
 
 
-def _fields(given: Sequence[Any], where: str) -> fields.Field:
-    found = []
-    for index, each in enumerate(given):
+def _fields(listed: Sequence[Any], where: str) -> fields.Field:
+    parts = []
+    for index, entry in enumerate(listed):
         at = f"{where}.{index}"
-        for name, value in FIELDS.split(at, each)[1].items():
+        for name, value in FIELDS.split(at, entry)[1].items():
             checks.number(f"{at}.{name}", value)
         with checks.within(at):
-            found.append(FIELDS.make("field", each))
-    return sum(found[1:], start=found[0])
+            parts.append(FIELDS.make("field", entry))
+    return sum(parts[1:], start=parts[0])

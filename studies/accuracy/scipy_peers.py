@@ -16,8 +16,6 @@ import numpy as np
 import shapely
 from scipy.integrate import solve_ivp
 
-from vibgym import checks
-
 METHODS = ("LSODA", "DOP853")
 
 _TINY = 1e-30  # (m/s)^2; without slip friction has no direction
@@ -59,17 +57,11 @@ def integrate(
         rtol: relative tolerance; the absolute one is ``rtol`` times ``a_h`` for lengths and ``a_h w`` for velocities.
 
     Raises:
-        ValueError: a bad argument.
         RuntimeError: the integrator failed.
     """
-    checks.choice("method", method, METHODS)
-    rtol = checks.number("rtol", rtol, above=0.0, most=0.1)
-    periods = checks.count("periods", periods)
     shape = (surface.rows, surface.columns)
-    amplitude = checks.array("amplitude", amplitude, shape, least=0.0)
-    phase = checks.array("phase", phase, shape)
-    start = np.concatenate([checks.array("pose", pose, (3,)), checks.array("velocity", velocity, (3,))])
-    slope = _slope(surface, part, amplitude, phase)
+    slope = _slope(surface, part, np.broadcast_to(amplitude, shape), np.broadcast_to(phase, shape))
+    start = np.concatenate([pose, velocity])
     length = surface.horizontal_amplitude or 1e-3
     speed = surface.table_speed or 0.1
     absolute = rtol * np.array([length, length, length / part.radius, speed, speed, speed / part.radius])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,13 +21,32 @@ MODELS = ("planar", "averaged")
 MAX_COMBINATIONS = 1000
 """Most combinations of knobs in one entry; each is a simulator and a line of the report."""
 
-PEERS: dict[str, dict[str, Any]] = {
-    "point_sampling": {"points": 12, "steps": 12},
-    "LSODA": {"rtol": 1e-4},
-    "DOP853": {"rtol": 1e-4},
-    "mujoco": {"timestep": 1e-3, "contact_time": None, "impratio": 10.0},
-}
-"""Peers, their knobs and defaults."""
+
+class PointSampling(BaseSettings):
+    """Knobs of point sampling: points per side of the part, and Runge-Kutta steps per period."""
+
+    points: int = Field(default=12, ge=2, le=4096)
+    steps: int = Field(default=12, ge=1, le=4096)
+
+
+class Integrator(BaseSettings):
+    """Knob of SciPy's integrators: their relative tolerance."""
+
+    rtol: float = Field(default=1e-4, ge=1e-12, le=0.1)
+
+
+class MuJoCo(BaseSettings):
+    """Knobs of MuJoCo, see :func:`studies.accuracy.mujoco_scene.build`; times in s."""
+
+    timestep: float = Field(default=1e-3, gt=0.0)
+    contact_time: float | None = Field(default=None, gt=0.0)
+    impratio: float = Field(default=10.0, gt=0.0)
+
+
+PEERS: dict[str, type[BaseSettings]] = {
+    "point_sampling": PointSampling, "LSODA": Integrator, "DOP853": Integrator, "mujoco": MuJoCo
+}  # fmt: skip
+"""Peers and their knobs."""
 
 Lengths = tuple[Annotated[Length, Field(gt=0.0)], ...]
 Shares = tuple[Annotated[float, Field(gt=0.0)], ...]
@@ -90,57 +109,34 @@ class ReportSettings(BaseSettings):
         """Return every model with one value for each given knob."""
         # One element accepts coarser settings than several; a scene that refuses a setting has a line with the reason.
         surface, part = Surface(rows=1, columns=1), shipped_part("aluminium_block")
-        found: list[tuple[str, dict[str, Any]]] = []
-        for index, given in enumerate(self.models):
-            where = f"models.{index}"
-            model, choices = _named(given, where, "model", MODELS)
-            for knobs in _combinations(choices, where):
-                with checks.within(where, "."):
-                    Simulator(surface, part, model=model, **knobs)
-                found.append((model, knobs))
-        return found
+        settings = []
+        for where, model, knobs in _combinations("models", self.models, "model", MODELS):
+            with checks.within(where, "."):
+                Simulator(surface, part, model=model, **knobs)
+            settings.append((model, knobs))
+        return settings
 
     def peer_settings(self) -> list[tuple[str, dict[str, Any]]]:
         """Return every peer with one value for each knob."""
-        found: list[tuple[str, dict[str, Any]]] = []
-        for index, given in enumerate(self.peers):
-            where = f"peers.{index}"
-            peer, choices = _named(given, where, "peer", tuple(PEERS))
-            for knobs in _combinations(choices, where):
-                for name, value in knobs.items():
-                    _check_peer_knob(peer, name, value, where)
-                found.append((peer, PEERS[peer] | knobs))
-        return found
+        combinations = _combinations("peers", self.peers, "peer", tuple(PEERS))
+        return [(peer, read(PEERS[peer], knobs, where).model_dump()) for where, peer, knobs in combinations]
 
 
-def _named(given: Any, where: str, key: str, allowed: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
-    if not isinstance(given, Mapping):
-        raise checks.refuse(where, given, f"a mapping with '{key}' and its knobs")
-    content = dict(given)
-    name = checks.choice(f"{where}.{key}", content.pop(key, None), allowed)
-    for knob in content:
-        if not isinstance(knob, str):
-            raise checks.refuse(where, knob, "keys that are strings")
-    return name, content
-
-
-def _combinations(choices: Mapping[str, Any], where: str) -> list[dict[str, Any]]:
-    lists = [value if checks.listed(value) else [value] for value in choices.values()]
-    number = math.prod(map(len, lists))
-    if number > MAX_COMBINATIONS:
-        raise checks.refuse(where, f"lists of {number} combinations", f"at most {MAX_COMBINATIONS}")
-    return [dict(zip(choices, values, strict=True)) for values in itertools.product(*lists)]
-
-
-def _check_peer_knob(peer: str, name: str, value: Any, where: str) -> None:
-    if name not in PEERS[peer]:
-        raise checks.refuse(f"{where}.{name}", value, f"the knobs of {peer!r}: {', '.join(PEERS[peer])}")
-    if name in ("points", "steps"):
-        checks.count(f"{where}.{name}", value, least=2 if name == "points" else 1, most=4096)
-    elif name == "rtol":
-        checks.number(f"{where}.{name}", value, least=1e-12, most=0.1)
-    elif value is not None or name != "contact_time":
-        checks.number(f"{where}.{name}", value, above=0.0)
+def _combinations(
+    name: str, entries: Sequence[Any], key: str, allowed: tuple[str, ...]
+) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Yield place, model or peer, and a value of each of its knobs, for all combinations of the lists of each entry."""
+    for index, entry in enumerate(entries):
+        where = f"{name}.{index}"
+        if not isinstance(entry, Mapping) or not all(isinstance(knob, str) for knob in entry):
+            raise checks.refuse(where, entry, f"a mapping with '{key}' and its knobs")
+        kind = checks.choice(f"{where}.{key}", entry.get(key), allowed)
+        choices = {knob: value if checks.listed(value) else [value] for knob, value in entry.items() if knob != key}
+        number = math.prod(map(len, choices.values()))
+        if number > MAX_COMBINATIONS:
+            raise checks.refuse(where, f"lists of {number} combinations", f"at most {MAX_COMBINATIONS}")
+        for values in itertools.product(*choices.values()):
+            yield where, kind, dict(zip(choices, values, strict=True))
 
 
 def settings_from(data: Any, output: str | None = None) -> ReportSettings:

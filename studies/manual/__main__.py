@@ -35,9 +35,9 @@ def films(arguments: argparse.Namespace) -> None:
 
 def thesis(arguments: argparse.Namespace) -> None:
     """Write the thesis's figures beside the simulated ones."""
-    from studies.manual.thesis import write
+    from studies.thesis.figures import write_markdown
 
-    print(f"page: {write(arguments.output or DOCS / 'thesis', arguments.only)}")
+    print(f"page: {write_markdown(arguments.output or DOCS / 'thesis', arguments.only)}")
 
 
 def site(arguments: argparse.Namespace) -> None:
@@ -48,13 +48,8 @@ def site(arguments: argparse.Namespace) -> None:
 
 
 def _refs(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "refs", nargs="*", metavar="REF", help="branches or tags of Git (default: the checkout, as it is)"
-    )
-
-
-def _no_arguments(parser: argparse.ArgumentParser) -> None:
-    pass
+    help = "branches or tags of Git (default: the checkout, as it is)"
+    parser.add_argument("refs", nargs="*", metavar="REF", help=help)
 
 
 def _only(parser: argparse.ArgumentParser) -> None:
@@ -62,8 +57,8 @@ def _only(parser: argparse.ArgumentParser) -> None:
 
 
 COMMANDS = {
-    "docs": Command(_no_arguments, docs, "directory of the pages (default: docs)"),
-    "readme": Command(_no_arguments, readme, "directory of the README (default: the checkout)"),
+    "docs": Command(lambda parser: None, docs, "directory of the pages (default: docs)"),
+    "readme": Command(lambda parser: None, readme, "directory of the README (default: the checkout)"),
     "site": Command(_refs, site, "directory of the site (default: runs/site)"),
     "films": Command(_only, films, "directory of the films (default: docs/films)"),
     "thesis": Command(_only, thesis, "directory of page and pictures (default: docs/thesis)"),

@@ -12,14 +12,20 @@ from studies.manual import environments, performance, settings
 from studies.manual.figures_file import ROOT
 from studies.manual.published import TABLES, overview, provenance
 from vibgym import checks, files
+from vibgym.registration import ENVIRONMENTS
 
 BEGIN, END = "<!-- results: written by python -m studies.manual readme -->", "<!-- end of results -->"
 
 
 def write(docs: Path) -> int:
     """Write tables, the page of settings and pages of environments into a directory; return the number of changed files."""
-    pages = {docs / "environments" / f"{name}.md": text for name, text in environments.pages().items()}
-    return replace({**tables(docs), **pages, docs / "settings.md": settings.page()})
+    texts = {docs / "environments" / f"{name}.md": text for name, text in pages().items()}
+    return replace({**tables(docs), **texts, docs / "settings.md": settings.page()})
+
+
+def pages() -> dict[str, str]:
+    """Return the Markdown page of every registered environment, by name."""
+    return {name: environments.page(name) for name in ENVIRONMENTS}
 
 
 def tables(docs: Path) -> dict[Path, str]:
@@ -27,11 +33,12 @@ def tables(docs: Path) -> dict[Path, str]:
     generated = docs / "generated"
     published = {generated / f"{name}.md": make() + "\n" for name, make in TABLES.items()}
     published[generated / "notebooks.md"] = notebook_list()
+    published |= {generated / "settings" / f"{name}.md": f"{text}\n" for name, text in settings.included().items()}
     published |= {
         generated / "performance" / f"{name}.md": f"{text}\n" for name, text in performance.generated().items()
     }
     return published | {
-        generated / "tables" / f"{name}.md": f"{each.markdown()}\n" for name, each in kept.tables().items()
+        generated / "tables" / f"{name}.md": f"{table.markdown()}\n" for name, table in kept.tables().items()
     }
 
 

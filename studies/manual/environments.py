@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Iterable
 from typing import Any
 
 import gymnasium as gym
@@ -48,38 +49,21 @@ def as_markdown(text: str) -> str:
 
 def baselines(name: str) -> str:
     """Return the tables of published results of ``vibgym/<name>-v0``, or the command that evaluates a policy."""
-    pieces = [*_reported(name), *_scored(name), *_trained(name)]
-    if not pieces:
-        return (
-            f'No results are published. `vibgym.policies.rollout("planner", "vibgym/{name}-v0", seeds=range(100))` '
-            "evaluates the planner or any other policy."
-        )
-    return "\n\n".join(pieces)
-
-
-def _reported(name: str) -> list[str]:
-    """Return a table of ``results/report`` for each hardware model."""
-    found = []
-    for hardware in dict.fromkeys(place.hardware for place in report().places if place[:2] == ("report", name)):
-        names = (TIME, BOUND, *ERRORS) if name in ONE else SEVERAL_PARTS if name in SEVERAL else PATH_ERRORS
-        found.append(
-            f"On *{hardware}* hardware (`make report`, {report().day}):\n\n{table(report(), [name], hardware, names)}"
-        )
-    return found
-
-
-def _scored(name: str) -> list[str]:
-    """Return the table of ``results/open`` for both hardware models."""
-    scores = open_tasks.of(name)
-    head = f"Scores as one of the [open tasks](../open-tasks.md) (`python -m agents score`, {open_tasks.date()}):"
-    return [f"{head}\n\n{scores}"] if scores else []
-
-
-def _trained(name: str) -> list[str]:
-    """Return the table of ``results/agents.csv``."""
-    lines = agent_lines(name)
-    head = "[Trained agents](../trained.md), each training run evaluated on new episodes:"
-    return [f"{head}\n\n{markdown(AGENT_HEADS, lines)}"] if lines else []
+    names = (TIME, BOUND, *ERRORS) if name in ONE else SEVERAL_PARTS if name in SEVERAL else PATH_ERRORS
+    pieces = [
+        f"On *{hardware}* hardware (`make report`, {report().day}):\n\n{table(report(), [name], hardware, names)}"
+        for hardware in dict.fromkeys(place.hardware for place in report().places if place[:2] == ("report", name))
+    ]
+    if scores := open_tasks.of(name):
+        head = f"Scores as one of the [open tasks](../open-tasks.md) (`python -m agents score`, {open_tasks.date()}):"
+        pieces.append(f"{head}\n\n{scores}")
+    if lines := agent_lines(name):
+        head = "[Trained agents](../trained.md), each training run evaluated on new episodes:"
+        pieces.append(f"{head}\n\n{markdown(AGENT_HEADS, lines)}")
+    return "\n\n".join(pieces) or (
+        f'No results are published. `vibgym.policies.rollout("planner", "vibgym/{name}-v0", seeds=range(100))` '
+        "evaluates the planner or any other policy."
+    )
 
 
 INFO_MEANING = {
@@ -101,11 +85,6 @@ observation, info = env.reset(seed=0)
 ```"""
 REWARD = """The reward is the weighted sum of these terms. `info["reward_terms"]` has each weighted term.
 `task_settings={"weights": ...}` changes the weights."""
-
-
-def pages() -> dict[str, str]:
-    """Return the Markdown page of every registered environment, by name."""
-    return {name: page(name) for name in ENVIRONMENTS}
 
 
 def page(name: str) -> str:
@@ -158,7 +137,7 @@ def _description(env: VibgymEnv) -> tuple[str, list[str]]:
     first, *others = re.split(
         r"\n\n", re.split(r"^(?:Args|Attributes|Raises):$", text, maxsplit=1, flags=re.M)[0].strip()
     )
-    return as_markdown(first), [as_markdown(each) for each in others]
+    return as_markdown(first), [as_markdown(other) for other in others]
 
 
 def _link(env: VibgymEnv) -> list[str]:
@@ -225,42 +204,40 @@ def _observations(env: VibgymEnv) -> str:
 
 def _space(space: gym.Space) -> tuple[str, str]:
     if isinstance(space, gym.spaces.Dict):
-        return "dictionary", ", ".join(f"`{key}` {each.shape}" for key, each in space.items())
+        return "dictionary", ", ".join(f"`{key}` {box.shape}" for key, box in space.items())
     return str(space.shape), f"{space.dtype}"
 
 
-def _state(env: VibgymEnv) -> str:
-    block = [each for each in env.observation_layout if each.part == 0]
-    size = sum(each.width for each in block)
+def _features(entries: Iterable[Any]) -> str:
+    """Return the table of a layout's features."""
     lines = [
-        [", ".join(str(each.start + k) for k in range(each.width)), each.name, each.meaning, each.unit]
-        for each in block
+        [", ".join(str(entry.start + k) for k in range(entry.width)), entry.name, entry.meaning, entry.unit]
+        for entry in entries
     ]
-    table = markdown(("index", "feature", "meaning", "unit of 1"), lines)
-    slots = env.task.slots
+    return markdown(("index", "feature", "meaning", "unit of 1"), lines)
+
+
+def _state(env: VibgymEnv) -> str:
+    block = [row for row in env.observation_layout if row.part == 0]
+    size, slots = sum(row.width for row in block), env.task.slots
     blocks = (
-        ""
-        if slots == 1
-        else f" The observation has {slots} blocks of {size} values. Block p, from index {size} x p on, describes part p."
+        f" The observation has {slots} blocks of {size} values. Block p, from index {size} x p on, describes part p."
     )
-    return f"`env.unwrapped.observation_layout` lists these features with scales and ranges.{blocks}\n\n{table}"
+    head = "`env.unwrapped.observation_layout` lists these features with scales and ranges."
+    return f"{head}{'' if slots == 1 else blocks}\n\n{_features(block)}"
 
 
 def _rows(env: VibgymEnv) -> str:
     """Return the table of features of ``observation="parts"``: of the part, then of its nearest neighbour."""
-    lines = [
-        [", ".join(str(each.start + k) for k in range(each.width)), each.name, each.meaning, each.unit]
-        for each in env.parts_layout
-        if not each.name.startswith("neighbour_") or each.name.startswith("neighbour_1_")
-    ]
-    several = any(each.name.startswith("neighbour_2_") for each in env.parts_layout)
+    first = [row for row in env.parts_layout if not re.match("neighbour_(?!1_)", row.name)]
+    several = any(row.name.startswith("neighbour_2_") for row in env.parts_layout)
     more = (
         " The features of `neighbour_1` are repeated for the other neighbours, in order of distance." if several else ""
     )
     return (
         "Each part has one row, in units that do not depend on the surface's size. Its neighbours are relative to it. Rows of "
         f"absent parts are 0. `env.unwrapped.parts_layout` lists these features with scales and ranges.{more}\n\n"
-        + markdown(("index", "feature", "meaning", "unit of 1"), lines)
+        + _features(first)
     )
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from agents.evaluation.table import BY_NAME, markdown
@@ -27,6 +26,10 @@ class Place(NamedTuple):
     policy: str
 
 
+Row = Mapping[str, Any]
+"""Figures of a place, NaN where they do not apply, and ``interval`` of the success rate."""
+
+
 class Published:
     """Figures written by ``python -m agents publish``.
 
@@ -34,27 +37,26 @@ class Published:
         directory: contains ``figures.csv`` and ``report.json``.
 
     Attributes:
-        places: place -> row, in the order of the file. A row has one attribute per figure, NaN where it does not apply.
+        places: place -> row, in the order of the file.
         about: content of ``report.json``.
     """
 
     def __init__(self, directory: Path) -> None:
         self.about = json.loads((directory / "report.json").read_text(encoding="utf-8"))
-        self.places: dict[Place, Any] = {}
+        self.places: dict[Place, dict[str, Any]] = {}
         for line in rows(directory / "figures.csv"):
             place = Place(line["study"], line["task"], line["hardware"], line["policy"])
-            row = self.places.setdefault(place, SimpleNamespace(**dict.fromkeys(BY_NAME, math.nan), interval={}))
-            setattr(row, line["figure"], float(line["value"]))
-            row.interval[line["figure"]] = (float(line["low"]), float(line["high"]))
+            row = self.places.setdefault(place, dict.fromkeys(BY_NAME, math.nan))
+            row[line["figure"]] = float(line["value"])
             if line["figure"] == "success_rate":
-                row.episodes = int(line["episodes"])
+                row["interval"] = (float(line["low"]), float(line["high"]))
 
     @property
     def day(self) -> str:
         """Return the date of the evaluation."""
         return self.about["time"][:10]
 
-    def of(self, task: str, hardware: str, study: str = "report") -> dict[str, Any]:
+    def of(self, task: str, hardware: str, study: str = "report") -> dict[str, Row]:
         """Return the rows of one task and hardware model, by policy."""
         where = (study, task, hardware)
         return {place.policy: row for place, row in self.places.items() if place[:3] == where}
@@ -66,32 +68,26 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def success(row: Any) -> str:
+def success(row: Row) -> str:
     """Return the success rate in percent."""
     return BY_NAME["success_rate"].text(row)
 
 
-def between(row: Any) -> str:
-    """Return the interval of the success rate in percent."""
-    low, high = row.interval["success_rate"]
-    return f"{100 * low:.1f} to {100 * high:.1f} %"
-
-
-def with_time(row: Any) -> str:
+def with_time(row: Row | None) -> str:
     """Return success and, if there is one, the median time to the goal; a dash for None."""
     if row is None:
         return NOTHING
-    time = "" if math.isnan(row.time_to_goal_median_s) else f" ({BY_NAME['time_to_goal_median_s'].text(row)})"
-    return success(row) + time
+    time = BY_NAME["time_to_goal_median_s"].text(row)
+    return success(row) + ("" if time == NOTHING else f" ({time})")
 
 
 def table(published: Published, tasks: Iterable[str], hardware: str, names: Iterable[str]) -> str:
     """Return a Markdown table of all policies on one hardware model: success, its interval, and the figures ``names``."""
-    names = list(names)
-    labels = [BY_NAME[name].label for name in names]
-    lines = [
-        [task, policy, success(row), between(row), *(BY_NAME[name].text(row) for name in names)]
-        for task in tasks
-        for policy, row in published.of(task, hardware).items()
-    ]
-    return markdown(("task", "policy", "success", "95 % interval", *labels), lines)
+    figures = [BY_NAME[name] for name in names]
+    lines = []
+    for task in tasks:
+        for policy, row in published.of(task, hardware).items():
+            low, high = (100.0 * end for end in row["interval"])
+            cells = [figure.text(row) for figure in figures]
+            lines.append([task, policy, success(row), f"{low:.1f} to {high:.1f} %", *cells])
+    return markdown(("task", "policy", "success", "95 % interval", *(figure.label for figure in figures)), lines)

@@ -33,7 +33,7 @@ def suite() -> str:
     for row in rows(OPEN / "suite.csv"):
         served = [of_task.get((row["hardware"], row["policy"], task)) for task in tasks]
         lines.append(
-            [row["hardware"], row["policy"], _score(row), *(_score(each) if each else NOTHING for each in served)]
+            [row["hardware"], row["policy"], _score(row), *(_score(cell) if cell else NOTHING for cell in served)]
         )
     heads = ("hardware", "policy", "score", *tasks)
     return f"Evaluated on {date()}. *score* is that of the suite, with its interval.\n\n{markdown(heads, lines)}"

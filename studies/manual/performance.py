@@ -29,8 +29,8 @@ INK = "#010203"
 
 def generated() -> dict[str, str]:
     """Return tables and charts as Markdown, by name."""
-    found = json.loads(STORED.read_text(encoding="utf-8"))
-    return {**tables(found), **charts(found), "provenance": _provenance(found["about"])}
+    measured = json.loads(STORED.read_text(encoding="utf-8"))
+    return {**tables(measured), **charts(measured), "provenance": _provenance(measured["about"])}
 
 
 def _provenance(about: Mapping[str, Any]) -> str:
@@ -46,17 +46,17 @@ def _provenance(about: Mapping[str, Any]) -> str:
 # -- tables ------------------------------------------------------------------------------------------------------------
 
 
-def tables(found: Mapping[str, Any]) -> dict[str, str]:
+def tables(measured: Mapping[str, Any]) -> dict[str, str]:
     """Return the tables of measured figures, in Markdown, by name.
 
     Args:
-        found: figures of :mod:`studies.benchmarks.costs`, as read from JSON.
+        measured: figures of :mod:`studies.benchmarks.costs`, as read from JSON.
     """
     return {
-        "limits": _limits(found["roofline"]),
-        "operations": _operations(found["roofline"]),
-        "stages": _stages(found["stages"]),
-        **{name: _curve(found["curves"][name], *CURVES[name][:2]) for name in CURVES},
+        "limits": _limits(measured["roofline"]),
+        "operations": _operations(measured["roofline"]),
+        "stages": _stages(measured["stages"]),
+        **{name: _curve(measured["curves"][name], *CURVES[name][:2]) for name in CURVES},
     }
 
 
@@ -95,8 +95,8 @@ def _stages(scenes: list[Mapping[str, Any]]) -> str:
     for stage in sorted(names, key=lambda stage: -max(scene["stages"].get(stage, 0.0) for scene in scenes)):
         spent = [scene["stages"].get(stage) for scene in scenes]
         cells = [
-            "" if each is None else f"{each:.2f} ({100 * each / whole:.0f} %)"
-            for each, whole in zip(spent, wholes, strict=True)
+            "" if time is None else f"{time:.2f} ({100 * time / whole:.0f} %)"
+            for time, whole in zip(spent, wholes, strict=True)
         ]
         rows.append([stage.replace("_", " "), *cells])
     rows.append(["step", *(f"{whole:.2f}" for whole in wholes)])
@@ -116,10 +116,10 @@ def _curve(curve: Mapping[str, list[list[float]]], size: str, unit: str) -> str:
 # -- charts ------------------------------------------------------------------------------------------------------------
 
 
-def charts(found: Mapping[str, Any]) -> dict[str, str]:
+def charts(measured: Mapping[str, Any]) -> dict[str, str]:
     """Return the charts as figures of HTML with inline SVG, in the colours of the page, by name and ``-chart``."""
-    made = {f"{name}-chart": _drawn(name, _curve_chart(found["curves"][name], *CURVES[name])) for name in CURVES}
-    return {"roofline-chart": _drawn("roofline", _roofline_chart(found["roofline"])), **made}
+    made = {f"{name}-chart": _drawn(name, _curve_chart(measured["curves"][name], *CURVES[name])) for name in CURVES}
+    return {"roofline-chart": _drawn("roofline", _roofline_chart(measured["roofline"])), **made}
 
 
 def _curve_chart(curve: Mapping[str, list[list[float]]], size: str, unit: str, scene: str) -> Callable[[Any], str]:

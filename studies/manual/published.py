@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from agents.evaluation.table import markdown
 from studies.manual import open_tasks
-from studies.manual.figures_file import NOTHING, RESULTS, ROOT, Published, rows, table, with_time
+from studies.manual.figures_file import NOTHING, RESULTS, ROOT, Published, Row, rows, table, with_time
 from studies.rivals.figures import CONTENDERS, EPISODES, FIGURES, PUSH
 
 TIME, BOUND = "time_to_goal_median_s", "time_over_bound_median"
@@ -38,32 +37,16 @@ def provenance() -> str:
     )
 
 
-def one_part() -> str:
-    """Return the results of Transport, Align and Rotate on ideal hardware."""
-    return table(report(), ONE, "ideal", (TIME, BOUND, *ERRORS, "fallen_rate"))
-
-
-def several_parts() -> str:
-    """Return the results of Sort and Singulate on ideal hardware."""
-    return table(report(), SEVERAL, "ideal", SEVERAL_PARTS)
-
-
-def prototype() -> str:
-    """Return the results on prototype hardware: tasks with one part, then with several."""
-    one = table(report(), ONE, PROTOTYPE, (TIME, BOUND, *ERRORS))
-    return f"{one}\n\n{table(report(), SEVERAL, PROTOTYPE, SEVERAL_PARTS)}"
-
-
-def rigid() -> str:
-    """Return the results with rigid parts and impulse disturbances."""
-    one = table(report(), ("Align",), RIGID, (TIME, *ERRORS))
-    return f"{one}\n\n{table(report(), ('Sort',), RIGID, SEVERAL_PARTS)}"
+def on(*tables: tuple[Sequence[str], str, Sequence[str]]) -> str:
+    """Return tables of all policies in ``make report``, each of tasks, a hardware model and figures."""
+    return "\n\n".join(table(report(), *arguments) for arguments in tables)
 
 
 def follow() -> str:
     """Return the results of Follow on ideal and prototype hardware."""
-    tables = [(hardware, table(report(), ("Follow",), hardware, PATH_ERRORS)) for hardware in ("ideal", PROTOTYPE)]
-    return "\n\n".join(f"On {hardware} hardware:\n\n{text}" for hardware, text in tables)
+    return "\n\n".join(
+        f"On {hardware} hardware:\n\n{on((('Follow',), hardware, PATH_ERRORS))}" for hardware in ("ideal", PROTOTYPE)
+    )
 
 
 EFFECT_NAMES = {
@@ -79,12 +62,11 @@ EFFECT_NAMES = {
 def effects() -> str:
     """Return success and time of every policy with every hardware effect."""
     places = [place for place in report().places if place.study == "effects"]
-    names = list(dict.fromkeys(place.hardware for place in places))
     policies = list(dict.fromkeys(place.policy for place in places))
-    found = {name: report().of("Align", name, "effects") for name in names}
-    lines = [
-        [EFFECT_NAMES.get(name, name), *(with_time(found[name].get(policy)) for policy in policies)] for name in names
-    ]
+    lines = []
+    for name in dict.fromkeys(place.hardware for place in places):
+        results = report().of("Align", name, "effects")
+        lines.append([EFFECT_NAMES.get(name, name), *(with_time(results.get(policy)) for policy in policies)])
     return markdown(("Align: effect", *policies), lines)
 
 
@@ -101,8 +83,8 @@ def overview() -> str:
     for task in (*ONE, *SEVERAL):
         cells = []
         for hardware, policies in columns.values():
-            found = report().of(task, hardware)
-            cells.append(with_time(next((found[name] for name in policies if name in found), None)))
+            results = report().of(task, hardware)
+            cells.append(with_time(next((results[name] for name in policies if name in results), None)))
         lines.append([task, *cells])
     return markdown(("task", *columns), lines)
 
@@ -138,11 +120,11 @@ def tilting() -> Published:
 
 def compared(task: str, columns: Mapping[str, str]) -> str:
     """Return success and median time of all policies that were evaluated on at least two of the hardware models."""
-    found = {head: tilting().of(task, hardware) for head, hardware in columns.items()}
-    found = {head: policies for head, policies in found.items() if policies}
-    names = dict.fromkeys(name for policies in found.values() for name in policies)
-    lines = [[name, *(with_time(policies.get(name)) for policies in found.values())] for name in names]
-    return markdown((task, *found), [line for line in lines if sum(cell != NOTHING for cell in line) > 2])
+    results = {head: tilting().of(task, hardware) for head, hardware in columns.items()}
+    results = {head: policies for head, policies in results.items() if policies}
+    names = dict.fromkeys(name for policies in results.values() for name in policies)
+    lines = [[name, *(with_time(policies.get(name)) for policies in results.values())] for name in names]
+    return markdown((task, *results), [line for line in lines if sum(cell != NOTHING for cell in line) > 2])
 
 
 # Results of training: results/agents.csv.
@@ -152,18 +134,13 @@ AGENT_HEADS = (
 )  # fmt: skip
 
 
-def trained() -> str:
-    """Return the table of all trained agents."""
-    return markdown(AGENT_HEADS, agent_lines())
-
-
 def agent_lines(task: str | None = None) -> list[list[str]]:
     """Return one line per agent, of one task or of all. Values that differ between training seeds are listed in order."""
     agents: dict[str, list[dict[str, str]]] = {}
     for row in rows(RESULTS / "agents.csv"):
         if task in (None, row["agent"].partition("/")[0]) and "/ladder" not in row["agent"]:
             agents.setdefault(row["agent"], []).append(row)
-    return [_agent_line(name, found) for name, found in agents.items()]
+    return [_agent_line(name, seeds) for name, seeds in agents.items()]
 
 
 def _agent_line(name: str, seeds: Sequence[Mapping[str, str]]) -> list[str]:
@@ -190,8 +167,6 @@ def _by_seed(seeds: Sequence[Mapping[str, str]], column: str, factor: float, dig
 
 # Results of python -m studies.rivals.
 
-Row = Mapping[str, Any]
-
 
 def _number(row: Row, name: str, digits: int, factor: float = 1.0) -> str:
     return "" if row[name] == "" else f"{factor * float(row[name]):.{digits}f}"
@@ -199,12 +174,12 @@ def _number(row: Row, name: str, digits: int, factor: float = 1.0) -> str:
 
 def rivals() -> str:
     """Return success and time of every machine on every task."""
-    found = rows(ROOT / FIGURES)
-    cells = {(row["machine"], row["task"]): rival_cell(row) for row in found}
-    episodes = {row["task"]: row["episodes"] for row in found}
+    results = rows(ROOT / FIGURES)
+    cells = {(row["machine"], row["task"]): rival_cell(row) for row in results}
+    episodes = {row["task"]: row["episodes"] for row in results}
     tasks = [task for task in EPISODES if task in episodes]
     heads = ("machine", *(f"{task} ({episodes[task]})" for task in tasks))
-    lines = [(each.title, *(cells.get((name, task), "") for task in tasks)) for name, each in CONTENDERS.items()]
+    lines = [(rival.title, *(cells.get((name, task), "") for task in tasks)) for name, rival in CONTENDERS.items()]
     return markdown(heads, lines)
 
 
@@ -226,10 +201,10 @@ def rival_cell(row: Row) -> str:
 
 def rivals_push() -> str:
     """Return the share of the full push that every machine can give to several parts."""
-    found = rows(ROOT / PUSH)
-    counts = list(dict.fromkeys(row["parts"] for row in found))
-    cells = {(row["machine"], row["parts"]): f"{_number(row, 'share', 1, 100.0)} %" for row in found}
-    names = list(dict.fromkeys(row["machine"] for row in found))
+    results = rows(ROOT / PUSH)
+    counts = list(dict.fromkeys(row["parts"] for row in results))
+    cells = {(row["machine"], row["parts"]): f"{_number(row, 'share', 1, 100.0)} %" for row in results}
+    names = list(dict.fromkeys(row["machine"] for row in results))
     heads = ("machine", *(f"{count} part{'s' if int(count) > 1 else ''}" for count in counts))
     return markdown(heads, [(CONTENDERS[name].title, *(cells[name, count] for count in counts)) for name in names])
 
@@ -237,13 +212,13 @@ def rivals_push() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     "provenance": provenance,
     "overview": overview,
-    "one-part": one_part,
-    "several-parts": several_parts,
-    "prototype": prototype,
-    "rigid": rigid,
+    "one-part": lambda: on((ONE, "ideal", (TIME, BOUND, *ERRORS, "fallen_rate"))),
+    "several-parts": lambda: on((SEVERAL, "ideal", SEVERAL_PARTS)),
+    "prototype": lambda: on((ONE, PROTOTYPE, (TIME, BOUND, *ERRORS)), (SEVERAL, PROTOTYPE, SEVERAL_PARTS)),
+    "rigid": lambda: on((("Align",), RIGID, (TIME, *ERRORS)), (("Sort",), RIGID, SEVERAL_PARTS)),
     "follow": follow,
     "effects": effects,
-    "trained": trained,
+    "trained": lambda: markdown(AGENT_HEADS, agent_lines()),
     "disturbed-align": lambda: compared("Align", DISTURBED),
     "disturbed-sort": lambda: compared("Sort", DISTURBED),
     "foils": lambda: compared("Align", FOILS),

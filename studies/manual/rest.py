@@ -19,18 +19,18 @@ def process(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[
 
 def converted(lines: list[str]) -> list[str]:
     """Convert lines with sections and tables in Markdown to reST."""
-    found: list[str] = []
+    result: list[str] = []
     block: list[str] = []
     for line in [*lines, ""]:
         if line.lstrip().startswith("|"):
             block.append(line)
             continue
         if block:
-            found += ["", *table(block), ""]
+            result += ["", *table(block), ""]
             block = []
         title = re.match(r"\s*## (.+)", line)
-        found += ["", f".. rubric:: {title[1]}", ""] if title else [line]
-    return found
+        result += ["", f".. rubric:: {title[1]}", ""] if title else [line]
+    return result
 
 
 def table(block: list[str]) -> Iterator[str]:

@@ -56,10 +56,10 @@ def build(directory: Path, refs: Sequence[str] = ()) -> Path:
 
 def write_list(directory: Path) -> Path:
     """Write the list of a site's versions and its first page; return the page."""
-    found = versions(directory)
-    items = "".join(f'<li><a href="{name}/index.html">{name}</a></li>' for name in found)
-    listed = f"window.VIBGYM_VERSIONS = {json.dumps(found)};\n"
-    page = INDEX.format(first=next((name for name in found if _RELEASE.fullmatch(name)), found[0]), items=items)
+    names = versions(directory)
+    items = "".join(f'<li><a href="{name}/index.html">{name}</a></li>' for name in names)
+    listed = f"window.VIBGYM_VERSIONS = {json.dumps(names)};\n"
+    page = INDEX.format(first=next((name for name in names if _RELEASE.fullmatch(name)), names[0]), items=items)
     files.write_together({directory / "versions.js": listed, directory / "index.html": page})
     return directory / "index.html"
 
@@ -72,10 +72,10 @@ def name_of(ref: str) -> str:
 
 def versions(directory: Path) -> list[str]:
     """Return the versions of a site: branches by name, then releases, newest first."""
-    found = sorted(path.parent.name for path in directory.glob("*/index.html"))
-    releases = [name for name in found if _RELEASE.fullmatch(name)]
+    names = sorted(path.parent.name for path in directory.glob("*/index.html"))
+    releases = [name for name in names if _RELEASE.fullmatch(name)]
     releases.sort(key=lambda name: [int(part) for part in name.split(".")], reverse=True)
-    return [*(name for name in found if name not in releases), *releases]
+    return [*(name for name in names if name not in releases), *releases]
 
 
 def _build(checkout: Path, directory: Path, name: str) -> None:

@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 from scipy.ndimage import binary_erosion
 
 from agents.evaluation.figures import FAILURE, MUTED, SUCCESS, new_figure, png
-from studies.thesis.figure import Comparison, Figure, Picture
+from studies.thesis.figure import Figure, figure
 from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
 from vibgym.plugins.camera.objects import find, new_found
@@ -21,25 +21,30 @@ from vibgym.scene.parts import shipped_part
 from vibgym.sensing import SENSORS
 
 
+def camera(parts: list[Part], pose: np.ndarray, lines: str) -> Any:
+    """Return the prototype's camera above parts at poses (parts, 3), which keeps its image; ``lines``: "all" or "half"."""
+    settings = {"kind": "camera", "lines": lines, "edge": "threshold"}
+    sensor = SENSORS.make("sensor", settings, Surface(), parts, 1, 1)
+    state = new_state(1, len(parts))
+    state.pose[0], state.fallen[:] = pose, False
+    sensor.keep_pictures()
+    sensor.reset(np.array([0]), state, np.array([[0.3, 0.6]]))
+    return sensor
+
+
 class Scene:
     """Eleven parts in front of the camera, and the results of its image processing."""
 
     def __init__(self) -> None:
         aluminium, steel = shipped_part("aluminium_block"), shipped_part("steel_block")
         parts = [aluminium] * 4 + [steel] * 4 + [Part.disc(0.020, friction=0.5)] * 3
-        random, surface = np.random.default_rng(5), Surface()
+        random = np.random.default_rng(5)
         self.pose = np.empty((11, 3))
         for p in range(11):
             row, column = divmod(p, 6)
             x = 0.07 + 0.138 * column + 0.07 * row * 0.9
             self.pose[p] = x, 0.055 + 0.1 * row, random.uniform(-math.pi, math.pi)
-        self.sensor = SENSORS.make(
-            "sensor", {"kind": "camera", "lines": "all", "edge": "threshold"}, surface, parts, 1, 1
-        )
-        state = new_state(1, len(parts))
-        state.pose[0], state.fallen[:] = self.pose, False
-        self.sensor.keep_pictures()
-        self.sensor.reset(np.array([0]), state, np.array([[0.3, 0.6]]))
+        self.sensor = camera(parts, self.pose, "all")
         self.setup = self.sensor.setup
         self.image = self.sensor.image()[0]
         self.found = new_found(self.setup.shape, 64)
@@ -52,54 +57,32 @@ class Scene:
 def draw() -> Figure:
     """Draw the stages, and compare the measured poses with the true ones."""
     scene = Scene()
-    read, true = scene.sensor.due.pose[0], scene.pose
-    error = read - true
-    worst = 1e3 * float(np.hypot(error[:, 0], error[:, 1]).max())
-    turned = math.degrees(float(np.abs(error[:, 2]).max()))
-    found = int(scene.found.count[0])
-    return Figure(
-        title="Figs. 5.5 to 5.9: from the image to poses",
-        shows="Eleven parts in the stages of the thesis's section 5.1: a fixed threshold within the area of "
-        "interest, runs, boundaries, centroids and principal axes, and the mapping to the surface by a template.",
-        comparisons=(
-            Comparison("Detected parts", "11 of 11", f"{found} of 11", "none" if found == 11 else f"{found - 11:+d}"),
-            Comparison(
-                "Largest position and heading error of the eleven, whole pixels",
-                "not given",
-                f"{worst:.2f} mm, {turned:.2f} deg",
-                "the thesis gives no value",
-            ),
-        ),
-        differs="The stages are those of the thesis; its pictures show no values to compare.",
-        assumed=(
-            "The positions of the thesis's eleven parts are lost: here they are on two lines, with random headings.",
-            "The camera is the prototype's with all lines; 1 % distortion, noise, blur and uneven light are assumed.",
-        ),
-        pictures=(
-            Picture(_picture(scene.image), "The image (fig. 5.5a)."),
-            Picture(
-                _picture(_binary(scene, scene.image)),
-                "After the threshold (fig. 5.5b); grey: not of interest.",
-            ),
-            Picture(_runs(scene), "A part: runs of pixels (fig. 5.6), boundary (fig. 5.7) and true outline."),
-            Picture(_axes(scene), "Measured centroids and principal axes (eqs. 5.5 and 5.7)."),
-            Picture(
-                _template(scene),
-                "The template after the threshold (fig. 5.9a), and the quadrilaterals between its marks (fig. 5.9b).",
-            ),
-        ),
-    )
+    error = scene.sensor.due.pose[0] - scene.pose
+    count = int(scene.found.count[0])
+    values = {
+        "count": count,
+        "missed": "none" if count == 11 else f"{count - 11:+d}",
+        "position": 1e3 * np.hypot(error[:, 0], error[:, 1]).max(),
+        "heading": np.degrees(np.abs(error[:, 2]).max()),
+    }
+    pictures = [
+        _picture(scene.image),
+        _picture(_binary(scene, scene.image)),
+        _runs(scene),
+        _axes(scene),
+        _template(scene),
+    ]
+    return figure("camera_chain", values, pictures)
 
 
-def _panel(height: float, rows: int = 1) -> tuple[Any, list[Axes]]:
-    figure = new_figure(6.2, height)
-    axes = [figure.add_subplot(rows, 1, k + 1) for k in range(rows)]
-    for each in axes:
-        each.set_xticks([])
-        each.set_yticks([])
-        for spine in each.spines.values():
+def _panels(height: float, rows: int = 1) -> tuple[Any, list[Axes]]:
+    picture = new_figure(6.2, height)
+    panels = [picture.add_subplot(rows, 1, k + 1) for k in range(rows)]
+    for axes in panels:
+        axes.set(xticks=[], yticks=[])
+        for spine in axes.spines.values():
             spine.set(color="#b6bcc6", linewidth=0.6)
-    return figure, axes
+    return picture, panels
 
 
 def _binary(scene: Scene, image: np.ndarray) -> np.ndarray:
@@ -115,9 +98,9 @@ def _show(axes: Axes, image: np.ndarray) -> None:
 
 
 def _picture(image: np.ndarray) -> bytes:
-    figure, (axes,) = _panel(4.7)
+    picture, (axes,) = _panels(4.7)
     _show(axes, image)
-    return png(figure)
+    return png(picture)
 
 
 def _outline(scene: Scene, part: int) -> np.ndarray:
@@ -130,14 +113,14 @@ def _outline(scene: Scene, part: int) -> np.ndarray:
 
 
 def _runs(scene: Scene) -> bytes:
-    figure = new_figure(6.2, 3.2)
+    picture = new_figure(6.2, 3.2)
     number = int(np.argmin(np.hypot(*(scene.measures[:, X : X + 2] - scene.pose[2, :2]).T)))
     runs = scene.found.run[scene.found.first[number] : scene.found.first[number + 1]]
     inside, box = scene.found.label == number + 1, scene.found.box[number]
     edge = np.argwhere(inside & ~np.asarray(binary_erosion(inside), dtype=bool))
     outline = _outline(scene, 2)
     for k in range(2):
-        axes = figure.add_subplot(1, 2, k + 1)
+        axes = picture.add_subplot(1, 2, k + 1)
         axes.set(xticks=[], yticks=[], aspect="equal", xlim=(box[2] - 4, box[3] + 3), ylim=(box[1] + 3, box[0] - 4))
         if k == 0:
             lines = [[(start - 0.35, line), (end - 0.65, line)] for line, start, end, _ in runs]
@@ -146,11 +129,11 @@ def _runs(scene: Scene) -> bytes:
             axes.plot(edge[:, 1], edge[:, 0], "s", color=MUTED, markersize=2.6)
         axes.plot(*outline.T, color=FAILURE, linewidth=1.0)
         axes.set_title(("runs", "boundary")[k], fontsize=8.5)
-    return png(figure)
+    return png(picture)
 
 
 def _axes(scene: Scene) -> bytes:
-    figure, (axes,) = _panel(1.75)
+    picture, (axes,) = _panels(1.75)
     top, bottom = 185, 385
     _show(axes, scene.image)
     axes.set_ylim(bottom, top)
@@ -164,11 +147,11 @@ def _axes(scene: Scene) -> bytes:
                 [u - reach * math.cos(angle), u + reach * math.cos(angle)],
                 [v - reach * math.sin(angle), v + reach * math.sin(angle)], color=FAILURE, linewidth=1.0,
             )  # fmt: skip
-    return png(figure)
+    return png(picture)
 
 
 def _template(scene: Scene) -> bytes:
-    figure, panels = _panel(3.5, rows=2)
+    picture, panels = _panels(3.5, rows=2)
     _show(panels[0], _binary(scene, scene.setup.template_image()))
     places = scene.setup.known.grid.places
     lines = [*places, *places.transpose(1, 0, 2)]
@@ -176,4 +159,4 @@ def _template(scene: Scene) -> bytes:
     panels[1].set(xlim=(0, scene.setup.shape[1]), aspect="equal")
     for axes in panels:
         axes.set_ylim(385, 185)
-    return png(figure)
+    return png(picture)

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
-from studies.thesis.figure import Comparison, Figure, Picture, Table
+from studies.thesis.figure import Figure, figure
 from vibgym.kernels.jit import jit
 from vibgym.plugins.camera.edges import Grey, share_moments, shares
 from vibgym.plugins.camera.image import BOTH, Exposure, hide, normal_quantiles
@@ -24,7 +24,7 @@ _LEVEL = 200
 
 @jit(allocates=True)
 def _chain(
-    radius: float, offset: np.ndarray, exposure: Exposure, interest: Interest, meaning: Grey, found: Found,
+    radius: float, offset: np.ndarray, exposure: Exposure, interest: Interest, meaning: Grey, blobs: Found,
     bare: np.ndarray, grey: np.ndarray, error: np.ndarray,
 ) -> None:  # fmt: skip
     """Compute errors (n, 2), px, of discs with centres at ``offset`` (n, 2) from the middle pixel, by image processing."""
@@ -40,16 +40,16 @@ def _chain(
             for column in range(grey.shape[1]):
                 grey[line, column] = np.uint8(_LEVEL * bare[line, column] + 0.5)
                 bare[line, column] = 1.0
-        find(grey, interest, found)
+        find(grey, interest, blobs)
         best = 0
-        for k in range(found.count[0]):
-            if found.moment[k, 0] > found.moment[best, 0]:
+        for k in range(blobs.count[0]):
+            if blobs.moment[k, 0] > blobs.moment[best, 0]:
                 best = k
         if meaning.fine:
-            share, top, left = shares(grey, meaning, found, best)
+            share, top, left = shares(grey, meaning, blobs, best)
             share_moments(share, top, left, moment)
         else:
-            moment[:] = found.moment[best]
+            moment[:] = blobs.moment[best]
         error[n, 0] = moment[1] / moment[0] - middle - offset[n, 0]
         error[n, 1] = moment[2] / moment[0] - middle - offset[n, 1]
 
@@ -114,61 +114,33 @@ def draw() -> Figure:
     }
     with ThreadPoolExecutor(available_threads()) as pool:  # kernels release the GIL
         series = {name: list(pool.map(errors, DIAMETERS)) for name, errors in methods.items()}
-    rows = tuple(
-        (f"{diameter} px", *(f"{series[name][diameter - DIAMETERS[0]].std():.4f} px" for name in series))
+    centre, half, grey = ({diameter: e.std() for diameter, e in zip(DIAMETERS, s)} for s in series.values())
+    binary = [errors for name in list(series)[:2] for errors in series[name]]
+    values = {
+        "bias": max(float(abs(errors.mean(axis=0)).max()) for errors in binary),
+        "scatter": max(float((abs(e.mean(axis=0)) / e.std(axis=0)).max()) * TRIALS**0.5 for e in binary),
+        "first": (centre[DIAMETERS[0]], half[DIAMETERS[0]]),
+        "last": (centre[DIAMETERS[-1]], half[DIAMETERS[-1]]),
+        "finer": 100.0 * max(grey[diameter] / half[diameter] for diameter in DIAMETERS),
+    }
+    rows = [
+        {
+            "Diameter": f"{diameter} px", "By pixel centres": f"{centre[diameter]:.4f} px",
+            "By half the area": f"{half[diameter]:.4f} px", "By grey levels": f"{grey[diameter]:.4f} px",
+        }
         for diameter in IN_TABLE
-    )
-    binary = ("centre of the pixel", "half of its area")
-    errors = [each for name in binary for each in series[name]]
-    bias = max(float(abs(each.mean(axis=0)).max()) for each in errors)
-    scatter = max(float((abs(each.mean(axis=0)) / each.std(axis=0)).max()) * TRIALS**0.5 for each in errors)
-    first, last = ([series[name][k].std() for name in binary] for k in (0, -1))
-    finer = max(series["grey levels"][k].std() / series[binary[1]][k].std() for k in range(len(DIAMETERS)))
-    return Figure(
-        title="Fig. 5.8: error of the centroid of a disc",
-        shows="The thesis drew discs of 2 to 40 px at 10 000 random positions each. The mean error is about zero; "
-        "the standard deviation falls with the diameter.",
-        comparisons=(
-            Comparison(
-                "Mean error, all diameters",
-                "about zero",
-                f"at most {bias:.4f} px",
-                f"none beyond chance: at most {scatter:.1f} standard errors in 156 means",
-            ),
-            Comparison(
-                "Standard deviation from 2 to 40 px",
-                "falls; the curve is lost",
-                f"from {first[0]:.3f} and {first[1]:.3f} px to {last[0]:.3f} and {last[1]:.3f} px (both definitions)",
-                "the trend is the same",
-            ),
-        ),
-        differs="Mean and trend agree; the curve is lost, so the difference in pixels is unknown. The error with grey "
-        f"levels along the edge, which the prototype did not use, is at most {100.0 * finer:.0f} % of that without.",
-        assumed=(
-            "The thesis does not define when a pixel belongs to a disc: both definitions are shown, by the "
-            "pixel's centre and by half of its area.",
-        ),
-        pictures=(
-            Picture(
-                _plot(series),
-                "Standard deviation and mean of both coordinates, 10 000 positions for each "
-                "diameter (2000 with grey levels).",
-            ),
-        ),
-        tables=(
-            Table("Standard deviations.", ("Diameter", "By pixel centres", "By half the area", "By grey levels"), rows),
-        ),
-    )
+    ]  # fmt: skip
+    return figure("centroid_error", values, [_plot(series)], rows)
 
 
 def _plot(series: Mapping[str, list[np.ndarray]]) -> bytes:
-    figure = new_figure(6.2, 3.2)
-    axes = figure.add_subplot()
+    picture = new_figure(6.2, 3.2)
+    axes = picture.add_subplot()
     for (name, errors), colour in zip(series.items(), (INK, FAILURE, SUCCESS), strict=True):
-        axes.plot(DIAMETERS, [each.std() for each in errors], color=colour, linewidth=1.4, label=name)
-        axes.plot(DIAMETERS, [each.mean() for each in errors], color=colour, linewidth=0.8, linestyle=":")
+        axes.plot(DIAMETERS, [error.std() for error in errors], color=colour, linewidth=1.4, label=name)
+        axes.plot(DIAMETERS, [error.mean() for error in errors], color=colour, linewidth=0.8, linestyle=":")
     style(axes, xlabel="diameter, px", ylabel="error of the centroid, px")
     axes.set_xlim(0, 40)
     axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED, title="criterion for a pixel", title_fontsize=7.5)
     axes.annotate("dotted: mean", (39.5, 0.003), ha="right", va="bottom", fontsize=7, color=MUTED)
-    return png(figure)
+    return png(picture)

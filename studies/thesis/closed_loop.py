@@ -40,16 +40,13 @@ class Response(NamedTuple):
         """Return the overshoot (worlds,) relative to the step, m."""
         return self.position.max(axis=0) / step - 1.0
 
+    def rms(self, values: np.ndarray, seconds: float) -> np.ndarray:
+        """Return the rms (worlds,) of values (steps, worlds) during the last seconds."""
+        return np.sqrt((values[self.time > self.time[-1] - seconds] ** 2).mean(axis=0))
+
     def residual(self, step: float, seconds: float) -> np.ndarray:
         """Return the rms position error (worlds,) m during the last seconds."""
-        return np.sqrt(((self.position[self._last(seconds)] - step) ** 2).mean(axis=0))
-
-    def rms_velocity(self, seconds: float) -> np.ndarray:
-        """Return the rms velocity (worlds,) m/s during the last seconds."""
-        return np.sqrt((self.velocity[self._last(seconds)] ** 2).mean(axis=0))
-
-    def _last(self, seconds: float) -> np.ndarray:
-        return self.time > self.time[-1] - seconds
+        return self.rms(self.position - step, seconds)
 
 
 class ReducedPlant:
@@ -59,6 +56,8 @@ class ReducedPlant:
         period: s.
         limit: m/s^2, largest acceleration.
     """
+
+    observer = None  # the state is known (figs. 5.15 and 5.22)
 
     def __init__(self, period: float, limit: float = np.inf) -> None:
         self.period, self.limit = period, limit
@@ -75,10 +74,31 @@ class ReducedPlant:
 
     def give(self, wanted: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See :meth:`RealPlant.give`."""
-        given = limit_length(wanted, self.limit)
+        limited = limit_length(wanted, self.limit)
         position, now = self._state
-        self._state = Estimate(position + self.period * now + 0.5 * self.period**2 * given, now + self.period * given)
-        return given, np.zeros(1)
+        self._state = Estimate(
+            position + self.period * now + 0.5 * self.period**2 * limited, now + self.period * limited
+        )
+        return limited, np.zeros(1)
+
+
+IDEAL = {"kind": "prototype", "dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
+"""Settings of :class:`vibgym.actuators.PrototypeActuators` without errors."""
+
+
+def common_command(surface: Surface, amplitude: np.ndarray, phase: np.ndarray) -> Any:
+    """Return the command of amplitudes (m) and phases (rad), each broadcastable to (worlds, rows, columns)."""
+    shape = (len(amplitude), surface.rows, surface.columns)
+    return polar_drive(np.broadcast_to(amplitude, shape), np.broadcast_to(phase, shape), surface.angular_frequency)
+
+
+def ready(hardware: Any, surface: Surface, worlds: int, random: np.random.Generator) -> Any:
+    """Return actuators of each world that take commands of :func:`common_command`; ``random`` draws their errors."""
+    actuators = ACTUATORS.make("hardware", hardware, surface, worlds, 1)
+    none = np.zeros((worlds, 1, 1))
+    actuators.prepare(common_command(surface, none, none))
+    actuators.reset(np.arange(worlds), random.random((worlds, actuators.draws)))
+    return actuators
 
 
 class RealPlant:
@@ -112,16 +132,11 @@ class RealPlant:
         assert known.max_amplitude is not None
         self.scale = known.max_amplitude  # m, of pushes
         self.inverse = FrictionalInverse(known, part, limit=limit)
-        ideal = {"dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
-        hardware = {"kind": "prototype", "limit": limit, **ideal, **actuators}
-        self.actuators = ACTUATORS.make("actuators", hardware, surface, worlds, 1)
+        self.observer = Observer(known.period)
         self.generator = np.random.default_rng(seed)
+        self.actuators = ready({**IDEAL, "limit": limit, **actuators}, surface, worlds, self.generator)
         self.simulator = Simulator(surface, actual, worlds=worlds, threads=1)
         self.simulator.reset([*START, 0.0], [*surface.idle_velocity(actual.friction), 0.0])
-        self._shape = (worlds, surface.rows, surface.columns)
-        none = np.zeros(self._shape)
-        self.actuators.prepare(polar_drive(none, none, surface.angular_frequency))
-        self.actuators.reset(np.arange(worlds), self.generator.uniform(size=(worlds, self.actuators.draws)))
         self._mean = np.zeros((worlds, 1, 3))
 
     def measured(self) -> np.ndarray:
@@ -141,14 +156,13 @@ class RealPlant:
             wanted: accelerations.
             velocity: mean velocities known to the controller.
         """
-        found, surface = self.inverse.push(velocity, wanted), self.surface
-        x, y = (found.push[:, :, k, None] for k in range(2))
+        push, limited, _ = self.inverse.push(velocity, wanted)
+        x, y = push[..., 0, None], push[..., 1, None]
         amplitude = np.minimum(np.hypot(x, y), 1.0) * self.scale
-        commanded, phase = (np.broadcast_to(each, self._shape) for each in (amplitude, np.arctan2(-x, -y)))
-        for drive, periods in self.actuators.apply(polar_drive(commanded, phase, surface.angular_frequency)):
+        for drive, periods in self.actuators.apply(common_command(self.surface, amplitude, np.arctan2(-x, -y))):
             self.simulator.run(drive, periods)
         self._mean = self.simulator.mean_velocity
-        return found.acceleration, amplitude[:, 0, 0]
+        return limited, amplitude[:, 0, 0]
 
 
 class PidController:
@@ -164,10 +178,10 @@ class PidController:
         wanted, self.memory = self.pid.output(target - position, memory)
         return wanted
 
-    def applied(self, given: np.ndarray) -> None:
+    def applied(self, limited: np.ndarray) -> None:
         """Receive the accelerations after saturation."""
         assert self.memory is not None
-        self.memory = self.pid.applied(given, self.memory)
+        self.memory = self.pid.applied(limited, self.memory)
 
 
 class StateController:
@@ -177,42 +191,37 @@ class StateController:
         """See :meth:`PidController.wanted`."""
         return feedback(target, estimate)
 
-    def applied(self, given: np.ndarray) -> None:
+    def applied(self, limited: np.ndarray) -> None:
         """Without memory."""
 
 
 def step_response(
-    controller: PidController | StateController,
-    plant: ReducedPlant | RealPlant,
-    step: float,
-    seconds: float,
-    observer: Observer | None,
+    controller: PidController | StateController, plant: ReducedPlant | RealPlant, step: float, seconds: float
 ) -> Response:
-    """Return the response to a step in the set position along x.
-
-    Args:
-        controller, plant: in their initial states.
-        step: m.
-        seconds: duration, s.
-        observer: None: the plant's state is known (figs. 5.15 and 5.22).
-    """
+    """Return the response of a controller and a plant in their initial states to a step (m) in the set position along x."""
     start = plant.measured()
     target = np.broadcast_to([START[0] + step, START[1], 0.0], start.shape)
     estimate, rows = Estimate(start, np.zeros_like(start)), []
     for _ in range(round(seconds / plant.period)):
         position, state = plant.measured(), plant.state()
-        estimate = state if observer is None else estimate
+        estimate = state if plant.observer is None else estimate
         wanted = controller.wanted(target, position, estimate)
-        given, amplitude = plant.give(wanted, estimate.velocity)
-        controller.applied(given)
-        along = (
-            each[:, 0, 0] for each in (state.position - START[0], state.velocity, estimate.velocity, wanted, given)
-        )
+        limited, amplitude = plant.give(wanted, estimate.velocity)
+        controller.applied(limited)
+        along = (v[:, 0, 0] for v in (state.position - START[0], state.velocity, estimate.velocity, wanted, limited))
         rows.append([*along, amplitude])
-        if observer is not None:
-            estimate = observer.update(estimate, position, given)
+        if plant.observer is not None:
+            estimate = plant.observer.update(estimate, position, limited)
     values = np.moveaxis(np.array(rows), 1, 0)
     return Response(plant.period * np.arange(len(rows)), *values)
+
+
+def controller(name: str) -> PidController | StateController:
+    """Return one of :data:`CONTROLLERS` for the prototype."""
+    return PidController(Surface().period) if name == "PID" else StateController()
+
+
+CONTROLLERS = ("PID", "state space")
 
 
 def limit_length(vectors: np.ndarray, most: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, kind_colour, new_figure, png, style
-from studies.thesis.figure import Comparison, Figure, Picture, Table
+from studies.thesis.figure import Figure, figure
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import shipped_part
 
@@ -20,7 +20,7 @@ GRID = 4  # points of the grid along each side
 PERIODS = 150
 STARTS = 100
 ALIGNED = 2e-3  # m
-SIZES = tuple(PITCH / each for each in (5, 4, 3, 2.5, 2, 1.75, 1.5, 1.25, 1))
+SIZES = tuple(PITCH / count for count in (5, 4, 3, 2.5, 2, 1.75, 1.5, 1.25, 1))
 
 
 def aligned(
@@ -37,7 +37,7 @@ def aligned(
     def missing(x: np.ndarray) -> np.ndarray:
         return (np.floor(x / pitch + 1e-9) + 0.5) * pitch - x
 
-    push_x, push_y = (np.sign(np.round(missing(each), 9)) for each in surface.element_centres())
+    push_x, push_y = (np.sign(np.round(missing(centres), 9)) for centres in surface.element_centres())
     amplitude = np.where((push_x != 0.0) | (push_y != 0.0), surface.lift_off_amplitude, 0.0)
     random = np.random.default_rng(seed)
     pose = np.empty((starts, 1, 3))
@@ -54,73 +54,37 @@ def draw() -> Figure:
     """Compute and plot the share of aligned parts over the element size, and their final poses."""
     parts = {"steel": shipped_part("steel_block"), "aluminium": shipped_part("aluminium_block")}
     results = {(name, size): aligned(part, size, starts=STARTS) for name, part in parts.items() for size in SIZES}
-    shares = {key: float((distance < ALIGNED).mean()) for key, (distance, _) in results.items()}
-    largest = max(size for size in SIZES if min(shares[name, size] for name in parts) == 1.0)
-    rows = tuple(
-        (
-            f"{1e3 * size:.1f} mm",
-            *(
-                f"{100.0 * shares[name, size]:.1f} % ({1e3 * float(np.median(results[name, size][0])):.2f} mm)"
-                for name in parts
-            ),
-        )
+    shares = {key: 100.0 * float((distance < ALIGNED).mean()) for key, (distance, _) in results.items()}
+    largest = max(size for size in SIZES if all(shares[name, size] == 100.0 for name in parts))
+    values = {
+        "largest": 1e3 * largest,
+        "ratio": largest / PITCH,
+        "half": ", ".join(f"{shares[name, 0.5 * PITCH]:.0f} % ({name})" for name in parts),
+    }
+    rows = [
+        {"Element": f"{1e3 * size:.1f} mm"}
+        | {
+            name.capitalize(): f"{shares[name, size]:.1f} % ({1e3 * float(np.median(results[name, size][0])):.2f} mm)"
+            for name in parts
+        }
         for size in SIZES
-    )
-    return Figure(
-        title="Fig. 6.2: the largest elements that align parts on a grid",
-        shows="The thesis shows the largest element size with which fields alone, without a sensor, align parts on a "
-        "rectangular grid. Drawing and formula are lost; the prototype's elements measure 26 mm.",
-        comparisons=(
-            Comparison(
-                "Element size for blocks of 50 mm on a grid of 52 mm", "26 mm (the prototype)",
-                f"{1e3 * largest:.1f} mm", "none, but the pitch is assumed",
-            ),
-            Comparison(
-                "Largest element size over the pitch of the grid", "lost", f"{largest / PITCH:.2f}",
-                "the formula is lost; half the pitch is the prototype's size",
-            ),
-            Comparison(
-                "Blocks aligned with elements of half the pitch", "all, by design",
-                ", ".join(f"{100.0 * shares[name, 0.5 * PITCH]:.0f} % ({name})" for name in parts), "agrees",
-            ),
-        ),
-        differs="Each point of the grid needs at least two by two elements that push towards it: an element is at "
-        "most half the pitch. The simulation agrees, and for the prototype's blocks the result is the prototype's "
-        "size. Smaller elements align all parts if the pitch is an even number of them. The argument of the thesis "
-        "is not known.",
-        assumed=(
-            "The pitch is 52 mm: blocks of 50 mm are side by side.",
-            "Ideal elements at the lift-off amplitude, each pushing towards the nearest point of the grid; phases "
-            "are not corrected for friction.",
-        ),
-        pictures=(
-            Picture(
-                _plot(shares, results["aluminium", 0.5 * PITCH][1]),
-                f"Left: share of aligned parts after {PERIODS * Surface().period:.0f} s; line: half the pitch. "
-                f"Right: final poses of aluminium blocks on elements of 26 mm, {STARTS} random starts; crosses: "
-                "grid.",
-            ),
-        ),
-        tables=(
-            Table("Aligned, and median distance from the grid.", ("Element", *(name.capitalize() for name in parts)), rows),
-        ),
-    )  # fmt: skip
+    ]
+    return figure("element_size", values, [_plot(shares, results["aluminium", 0.5 * PITCH][1])], rows)
 
 
 def _plot(shares: dict[tuple[str, float], float], resting: np.ndarray) -> bytes:
-    """Plot the shares over the element size, and final poses (starts, 3) of aluminium blocks."""
-    figure = new_figure(7.6, 3.2)
-    left, right = figure.subplots(1, 2)
+    """Plot the shares (%) over the element size, and final poses (starts, 3) of aluminium blocks."""
+    picture = new_figure(7.6, 3.2)
+    left, right = picture.subplots(1, 2)
+    sizes = 1e3 * np.array(SIZES)
     for name, colour, marker in (("steel", INK, "o"), ("aluminium", FAILURE, "x")):
-        left.plot(
-            [1e3 * size for size in SIZES], [100.0 * shares[name, size] for size in SIZES], color=colour, marker=marker,
-            markersize=4, linewidth=1.0, label=name,
-        )  # fmt: skip
+        share = [shares[name, size] for size in SIZES]
+        left.plot(sizes, share, color=colour, marker=marker, markersize=4, linewidth=1.0, label=name)
     left.axvline(0.5e3 * PITCH, color=SUCCESS, linewidth=0.8)
     left.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
     style(left, xlabel="element size, mm", ylabel=f"within {1e3 * ALIGNED:.0f} mm of the grid, %")
     _draw_poses(right, shipped_part("aluminium_block"), resting)
-    return png(figure)
+    return png(picture)
 
 
 def _draw_poses(axes: Axes, part: Part, pose: np.ndarray) -> None:

@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from studies.accuracy.friction_experiment import fit_friction, sliding_circles
-from studies.thesis.closed_loop import PidController, RealPlant, Response, StateController, step_response
-from studies.thesis.friction_radius import FREQUENCIES
+from studies.thesis.closed_loop import CONTROLLERS, RealPlant, Response, controller, step_response
+from studies.thesis.friction_radius import FREQUENCIES, fit_friction, sliding_circles
 from studies.thesis.measurements import AMPLITUDES, EXPERIMENTS, MEASUREMENTS
-from studies.thesis.prototype_steps import CONTROLLERS, LAST, MACHINES, SECONDS
+from studies.thesis.prototype_steps import LAST, MACHINES, SECONDS
 from studies.thesis.squeeze import squeezed
-from studies.thesis.state_feedback import Observer
 from studies.thesis.velocity import steady_velocity
 from vibgym import Part, Surface
 from vibgym.scene.friction_laws import Stribeck
@@ -120,7 +118,7 @@ def steady(machine: Machine) -> dict[str, float]:
         machine.part, 1e-3 * np.array([0.08, *AMPLITUDES]), surface=machine.surface(machine.frequency),
         dead_zone=machine.dead_zone, form=machine.form, gain=machine.gain,
     )  # fmt: skip
-    names = ("steady 0.08", *(f"steady {each:.2f}" for each in AMPLITUDES))
+    names = (f"steady {amplitude:.2f}" for amplitude in (0.08, *AMPLITUDES))
     return dict(zip(names, (speeds - _simulated_speeds()).tolist(), strict=True))
 
 
@@ -132,28 +130,23 @@ def top_speed(machine: Machine) -> dict[str, float]:
     return {"top": 1e3 * float(steady_velocity(machine.part, [amplitude], surface=surface)[0])}
 
 
-def _controller(name: str) -> PidController | StateController:
-    return PidController(Surface().period) if name == "PID" else StateController()
-
-
-def response(machine: Machine, controller: str) -> Response:
+def response(machine: Machine, name: str) -> Response:
     """Return the step responses of machines with elements that differ; the controller knows the nominal machine.
 
     Args:
-        controller: among :data:`CONTROLLERS`.
+        name: of the controller, among :data:`CONTROLLERS`.
     """
     plant = RealPlant(
         Machine().part, machine=(machine.surface(machine.frequency), machine.part), worlds=MACHINES, limit=machine.limit,
         **machine.actuators,
     )  # fmt: skip
-    return step_response(_controller(controller), plant, machine.step, SECONDS, Observer(Surface().period))
+    return step_response(controller(name), plant, machine.step, SECONDS)
 
 
 @lru_cache(maxsize=256)
-def _simulated(controller: str, step: float, limit: float) -> tuple[float, float]:
+def _simulated(name: str, step: float, limit: float) -> tuple[float, float]:
     """Return position at 1 s and largest position of the thesis's simulation, m: nominal machine, no dead zone or latency."""
-    plant = RealPlant(Machine().part, limit=limit)
-    run = step_response(_controller(controller), plant, step, 4.0, Observer(Surface().period))
+    run = step_response(controller(name), RealPlant(Machine().part, limit=limit), step, 4.0)
     return float(run.position[_at(run)][0]), float(run.position.max())
 
 
@@ -163,23 +156,23 @@ def _at(run: Response) -> int:
 
 def steps(machine: Machine) -> dict[str, float]:
     """Predict figs. 7.8 to 7.10: medians over machines."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for name, prefix in zip(CONTROLLERS, ("", "state "), strict=True):
         run = response(machine, name)
         position, peak = _simulated(name, machine.step, machine.limit)
-        found[f"{prefix}early"] = 1e3 * (float(np.median(run.position[_at(run)])) - position)
-        found[f"{prefix}residual"] = 1e3 * float(np.median(run.residual(machine.step, LAST)))
+        values[f"{prefix}early"] = 1e3 * (float(np.median(run.position[_at(run)])) - position)
+        values[f"{prefix}residual"] = 1e3 * float(np.median(run.residual(machine.step, LAST)))
         if name == "PID":
             largest = float(np.median(run.position.max(axis=0)))
-            found["overshoot"] = 100.0 * (largest / machine.step - 1.0)
-            found["excess"] = 100.0 * (largest - peak) / machine.step
-            found["peak"] = 1e3 * largest
-            found["fastest"] = 1e3 * float(np.median(run.velocity.max(axis=0)))
+            values["overshoot"] = 100.0 * (largest / machine.step - 1.0)
+            values["excess"] = 100.0 * (largest - peak) / machine.step
+            values["peak"] = 1e3 * largest
+            values["fastest"] = 1e3 * float(np.median(run.velocity.max(axis=0)))
         else:
             small = run.amplitude < SMALLEST
             small[: int(np.abs(run.amplitude).argmax(axis=0).max())] = False  # the first commands rise
-            found["separated"] = float(np.median(run.time[np.argmax(small, axis=0)]))
-    return found
+            values["separated"] = float(np.median(run.time[np.argmax(small, axis=0)]))
+    return values
 
 
 def squeeze(machine: Machine) -> dict[str, float]:
@@ -203,10 +196,7 @@ PREDICT: dict[str, Callable[[Machine], dict[str, float]]] = {
 
 def predictions(machine: Machine, experiments: Iterable[str] = EXPERIMENTS) -> dict[str, float]:
     """Return the values of all measurements of some experiments."""
-    found: dict[str, float] = {}
-    for name in experiments:
-        found |= PREDICT[name](machine)
-    return found
+    return {key: value for name in experiments for key, value in PREDICT[name](machine).items()}
 
 
 def residuals(predicted: dict[str, float]) -> np.ndarray:

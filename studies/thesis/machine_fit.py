@@ -132,20 +132,20 @@ def fit(
     """
 
     def misfit(point: np.ndarray) -> np.ndarray:
-        found = evaluate(placed(start, names, point), experiments).residuals
-        return np.sign(found) * np.abs(found) ** power
+        off = evaluate(placed(start, names, point), experiments).residuals
+        return np.sign(off) * np.abs(off) ** power
 
-    found = least_squares(
+    best = least_squares(
         misfit, point_of(start, names), bounds=(1.0, 2.0), diff_step=DIFFERENCE / 1.5, max_nfev=evaluations, xtol=1e-4,
         ftol=1e-4,
     )  # fmt: skip
-    return evaluate(placed(start, names, found.x), experiments)
+    return evaluate(placed(start, names, best.x), experiments)
 
 
-def covering(start: Machine, names: Sequence[str], experiments: Sequence[str], count: int) -> list[Fit]:
-    """Return points of the whole box, those of the smallest sum of squares first."""
-    found = [evaluate(placed(start, names, point), experiments) for point in sample(names, count)]
-    return sorted(found, key=lambda each: each.cost)
+def best_of(start: Machine, names: Sequence[str], experiments: Sequence[str], count: int) -> list[Fit]:
+    """Return ``count`` points that cover the whole box, those of the smallest sum of squares first."""
+    fits = [evaluate(placed(start, names, point), experiments) for point in sample(names, count)]
+    return sorted(fits, key=lambda fit: fit.cost)
 
 
 QUICK = ("friction", "steady", "top speed")
@@ -162,19 +162,19 @@ def quick_fit(model: Model, experiments: Sequence[str] = QUICK, sharpest: bool =
         **fixed: values of parameters that are not fitted.
     """
     names = [name for name in model.names if name not in fixed]
-    starts = covering(replace(model.start, **fixed), names, experiments, COVERING)[:STARTS]
-    best = min((fit(start.machine, names, experiments) for start in starts), key=lambda each: each.cost)
+    starts = best_of(replace(model.start, **fixed), names, experiments, COVERING)[:STARTS]
+    best = min((fit(start.machine, names, experiments) for start in starts), key=lambda fitted: fitted.cost)
     if not sharpest or best.largest <= 1.0:
         return best
     sharp = fit(best.machine, names, experiments, power=SHARPER, evaluations=40)
-    return min(best, sharp, key=lambda each: each.largest)
+    return min(best, sharp, key=lambda fitted: fitted.largest)
 
 
 def steps_start() -> Fit:
     """Return the best sample of the steps over latencies and forms of the dead zone, with nominal friction and table."""
     nominal = [Machine(form=form, latency=latency) for form, latency in product(FORMS, LATENCIES)]
-    samples = [covering(each, OF_STEPS, ("steps",), SAMPLES)[0] for each in nominal]
-    return min(samples, key=lambda each: each.cost)
+    samples = [best_of(start, OF_STEPS, ("steps",), SAMPLES)[0] for start in nominal]
+    return min(samples, key=lambda fitted: fitted.cost)
 
 
 def full_fit(model: Model, start: Machine, experiments: Sequence[str] = EXPERIMENTS) -> Fit:
@@ -196,12 +196,12 @@ def stored(name: str, folder: Path, make: Callable[[], Fit], experiments: Sequen
     """Return a fit, from its file if there is one; print its result."""
     path = folder / f"{name}.json"
     if path.exists():
-        found = evaluate(Machine(**json.loads(path.read_text(encoding="utf-8"))), experiments)
+        fit = evaluate(Machine(**json.loads(path.read_text(encoding="utf-8"))), experiments)
     else:
-        found = make()
-        write_atomically(path, json.dumps(asdict(found.machine)))
-    print(f"{name}: {found.largest:.2f} ({found.worst})", flush=True)
-    return found
+        fit = make()
+        write_atomically(path, json.dumps(asdict(fit.machine)))
+    print(f"{name}: {fit.largest:.2f} ({fit.worst})", flush=True)
+    return fit
 
 
 SUBSETS: tuple[tuple[str, ...], ...] = (
@@ -220,7 +220,7 @@ def subset_table(fits: Mapping[str, Fit], steps: Fit, folder: Path) -> list[list
     """
     models = [name for name in MODELS if name != "frequency"]
     rows = []
-    for experiments, gain in [*((each, None) for each in SUBSETS), *((QUICK, gain) for gain in GAINS)]:
+    for experiments, gain in [*((subset, None) for subset in SUBSETS), *((QUICK, gain) for gain in GAINS)]:
         fixed = {} if gain is None else {"gain": gain}
         label = ", ".join(experiments) + ("" if gain is None else f", gain {gain:g}")
         cells = []
@@ -239,43 +239,41 @@ def subset_table(fits: Mapping[str, Fit], steps: Fit, folder: Path) -> list[list
     return rows
 
 
-def largest_text(found: Fit) -> str:
+def largest_text(fit: Fit) -> str:
     """Return the largest residual, and its measurement where it is above 1."""
-    return f"{found.largest:.1f}" + (f" ({MEASUREMENTS[found.worst].what})" if found.largest > 1.0 else "")
+    return f"{fit.largest:.1f}" + (f" ({MEASUREMENTS[fit.worst].what})" if fit.largest > 1.0 else "")
 
 
-def measurement_table(nominal: Fit, fits: Mapping[str, Fit]) -> list[list[str]]:
+def measurement_table(fits: Sequence[Fit]) -> list[list[str]]:
     """Return a row per measurement: value of the thesis, and value and residual of each machine."""
-    machines = [nominal, *fits.values()]
     rows = []
     for name, measured in MEASUREMENTS.items():
-        values = [each.predicted[name] for each in machines]
+        values = [fit.predicted[name] for fit in fits]
         cells = [f"{value:.3g} ({measured.residual(value):+.1f})" for value in values]
         rows.append([f"{measured.what} ({measured.source}; {measured.kind})", measured.text(), *cells])
-    rows.append(["largest residual", "1", *(f"{each.largest:.1f}" for each in machines)])
-    rows.append(["sum of squares", "", *(f"{each.cost:.1f}" for each in machines)])
+    rows.append(["largest residual", "1", *(f"{fit.largest:.1f}" for fit in fits)])
+    rows.append(["sum of squares", "", *(f"{fit.cost:.1f}" for fit in fits)])
     return rows
 
 
-def parameter_table(nominal: Fit, fits: Mapping[str, Fit]) -> list[list[str]]:
+def parameter_table(machines: Sequence[Machine]) -> list[list[str]]:
     """Return a row per parameter: its range, and the value of each machine."""
-    machines = [nominal.machine, *(each.machine for each in fits.values())]
+
+    def cell(name: str, machine: Machine) -> str:
+        value, box = getattr(machine, name), BOX[name]
+        if value is None or (name in ("speed", "shape") and machine.rise == 0.0):
+            return "–"
+        return f"{box.scale * value:.3g} {box.unit}".strip()
+
     rows = []
     for name, box in BOX.items():
-        low, high = box.scale * box.low, box.scale * box.high
-        values = [getattr(each, name) for each in machines]
-        used = [
-            value is not None and (name not in ("speed", "shape") or each.rise > 0.0)
-            for value, each in zip(values, machines, strict=True)
-        ]
-        cells = [
-            f"{box.scale * value:.3g} {box.unit}".strip() if use else "–"
-            for value, use in zip(values, used, strict=True)
-        ]
-        rows.append([f"{name.replace('_', ' ')} ({box.source})", f"{low:g} to {high:g} {box.unit}".strip(), *cells])
-    for name, allowed in (("form", FORMS), ("latency", LATENCIES)):
-        rows.append([{"form": "form of the dead zone", "latency": "further latency, periods"}[name],
-                     ", ".join(map(str, allowed)), *(str(getattr(each, name)) for each in machines)])  # fmt: skip
+        limits = f"{box.scale * box.low:g} to {box.scale * box.high:g} {box.unit}".strip()
+        rows.append(
+            [f"{name.replace('_', ' ')} ({box.source})", limits, *(cell(name, machine) for machine in machines)]
+        )
+    rows.append(["form of the dead zone", ", ".join(FORMS), *(machine.form for machine in machines)])
+    latencies = ", ".join(map(str, LATENCIES))
+    rows.append(["further latency, periods", latencies, *(str(machine.latency) for machine in machines)])
     return rows
 
 
@@ -286,8 +284,8 @@ def main() -> None:
     parser.add_argument(
         "--output", type=Path, default=Path("runs/thesis-machine"), help="stored fits, reused if present"
     )
-    asked = parser.parse_args()
-    folder = output_directory(asked.output)
+    arguments = parser.parse_args()
+    folder = output_directory(arguments.output)
     nominal = evaluate(Machine())
     start = stored("start", folder, steps_start, ("steps",)).machine
     # First the one whose top speed does not distort the fit of the steps: the others start from these.
@@ -301,10 +299,15 @@ def main() -> None:
     make = partial(full_fit, MODELS["constant"], fits["constant"].machine, ("steps",))
     steps = stored("constant-steps", folder, make, ("steps",))
     labels = ("nominal", *(model.label for model in MODELS.values()))
-    show("thesis-machine", ("measurement", "thesis", *labels), measurement_table(nominal, fits), asked.keep)
-    show("thesis-machine-parameters", ("parameter", "range", *labels), parameter_table(nominal, fits), asked.keep)
-    subsets = subset_table(fits, steps, folder)
-    show("thesis-machine-subsets", ("fitted experiments", *labels[1:4]), subsets, asked.keep)
+    machines = [nominal, *fits.values()]
+    rows = (
+        measurement_table(machines),
+        parameter_table([fit.machine for fit in machines]),
+        subset_table(fits, steps, folder),
+    )
+    show("thesis-machine", ("measurement", "thesis", *labels), rows[0], arguments.keep)
+    show("thesis-machine-parameters", ("parameter", "range", *labels), rows[1], arguments.keep)
+    show("thesis-machine-subsets", ("fitted experiments", *labels[1:4]), rows[2], arguments.keep)
 
 
 if __name__ == "__main__":

@@ -14,26 +14,16 @@ PRINTED, STATED, AXIS = "printed", "statement", "axis"
 
 
 class ThesisMeasurement(NamedTuple):
-    """Measured value, range or bound.
+    """Measured value, range or bound."""
 
-    Attributes:
-        experiment: among :data:`EXPERIMENTS`.
-        what: quantity and conditions.
-        low, high: smallest and largest value, equal for a single one; infinite where there is no bound.
-        error: half the width of the interval around them in which the true value lies.
-        unit: of the values.
-        source: section, figure or equation.
-        kind: ``PRINTED``, ``STATED`` or ``AXIS``; see the module.
-    """
-
-    experiment: str
-    what: str
-    low: float
+    experiment: str  # among EXPERIMENTS
+    what: str  # quantity and conditions
+    low: float  # smallest and largest value, equal for a single one; infinite where there is no bound
     high: float
-    error: float
+    error: float  # half the width of the interval around them in which the true value lies
     unit: str
-    source: str
-    kind: str
+    source: str  # section, figure or equation
+    kind: str  # PRINTED, STATED or AXIS; see the module
 
     def residual(self, value: float) -> float:
         """Return the signed distance of a model's value to the range in units of the error; up to 1 agrees."""
@@ -60,59 +50,32 @@ VISIBLE = 10.0
 
 MEASUREMENTS: dict[str, ThesisMeasurement] = {
     "coefficient": ThesisMeasurement(
-        "friction", "coefficient fitted to the radius, 2 to 10 Hz", 0.58, 0.58, 0.005, "", "7.1", PRINTED
-    ),
-    "window": ThesisMeasurement(
-        "friction", "sweep up against sweep down", -math.inf, 0.0, 0.2, "Hz", "7.1, fig. 7.2", STATED
-    ),
+        "friction", "coefficient fitted to the radius, 2 to 10 Hz", 0.58, 0.58, 0.005, "", "7.1", PRINTED),
+    "window": ThesisMeasurement("friction", "sweep up against sweep down", -math.inf, 0.0, 0.2, "Hz", "7.1, fig. 7.2", STATED),
     "departure": ThesisMeasurement(
-        "friction",
-        "radius against that of the fit, rms of sliding parts",
-        -math.inf,
-        0.0,
-        0.06,
-        "mm",
-        "fig. 7.2",
-        STATED,
-    ),
-    **{
-        f"steady {each:.2f}": ThesisMeasurement(
-            "steady", f"speed at {each:.2f} mm minus simulated", 0.0, 0.0, VISIBLE, "mm/s", "fig. 7.3", STATED
-        )
-        for each in AMPLITUDES
-    },
+        "friction", "radius against that of the fit, rms of sliding parts", -math.inf, 0.0, 0.06, "mm", "fig. 7.2", STATED),
+    **{f"steady {at:.2f}": ThesisMeasurement(
+        "steady", f"speed at {at:.2f} mm minus simulated", 0.0, 0.0, VISIBLE, "mm/s", "fig. 7.3", STATED) for at in AMPLITUDES},
     "steady 0.08": ThesisMeasurement(
-        "steady", "speed at 0.08 mm minus simulated", -math.inf, 0.0, VISIBLE, "mm/s", "fig. 7.3", STATED
-    ),
-    "top": ThesisMeasurement(
-        "top speed", "largest speed of parts", 350.0, 350.0, 5.0, "mm/s", "abstract, table 1.1", PRINTED
-    ),
+        "steady", "speed at 0.08 mm minus simulated", -math.inf, 0.0, VISIBLE, "mm/s", "fig. 7.3", STATED),
+    "top": ThesisMeasurement("top speed", "largest speed of parts", 350.0, 350.0, 5.0, "mm/s", "abstract, table 1.1", PRINTED),
     "overshoot": ThesisMeasurement("steps", "PID: overshoot", 50.0, 50.0, 5.0, "%", "7.3.2", PRINTED),
     "excess": ThesisMeasurement(
-        "steps", "PID: overshoot minus simulated, 'a little larger'", 0.0, 10.0, 2.0, "%", "7.3.2", STATED
-    ),
+        "steps", "PID: overshoot minus simulated, 'a little larger'", 0.0, 10.0, 2.0, "%", "7.3.2", STATED),
     "early": ThesisMeasurement(
-        "steps", "PID: position at 1 s minus simulated, 'slightly slower'", -30.0, 0.0, 15.0, "mm", "fig. 7.8", STATED
-    ),
+        "steps", "PID: position at 1 s minus simulated, 'slightly slower'", -30.0, 0.0, 15.0, "mm", "fig. 7.8", STATED),
     "peak": ThesisMeasurement("steps", "PID: largest position", 400.0, 500.0, 10.0, "mm", "fig. 7.8", AXIS),
     "fastest": ThesisMeasurement("steps", "PID: largest velocity", 200.0, 300.0, 10.0, "mm/s", "fig. 7.8", AXIS),
     "residual": ThesisMeasurement("steps", "PID: rms position error, last 10 s", 6.2, 6.2, 2.0, "mm", "7.3.2", PRINTED),
     "state early": ThesisMeasurement(
-        "steps", "state space: position at 1 s minus simulated", 0.0, 0.0, 15.0, "mm", "fig. 7.9", STATED
-    ),
-    "separated": ThesisMeasurement(
-        "steps", "state space: amplitude below 0.1 mm", 1.2, 1.2, 0.1, "s", "7.3.2", PRINTED
-    ),
+        "steps", "state space: position at 1 s minus simulated", 0.0, 0.0, 15.0, "mm", "fig. 7.9", STATED),
+    "separated": ThesisMeasurement("steps", "state space: amplitude below 0.1 mm", 1.2, 1.2, 0.1, "s", "7.3.2", PRINTED),
     "state residual": ThesisMeasurement(
-        "steps", "state space: rms position error, last 10 s", 5.9, 26.8, 1.0, "mm", "7.3.2, two runs", PRINTED
-    ),
-    "squeeze y": ThesisMeasurement(
-        "squeeze", "standard deviation of y after 2 s", -math.inf, 5.0, 0.5, "mm", "7.2.2", STATED
-    ),
+        "steps", "state space: rms position error, last 10 s", 5.9, 26.8, 1.0, "mm", "7.3.2, two runs", PRINTED),
+    "squeeze y": ThesisMeasurement("squeeze", "standard deviation of y after 2 s", -math.inf, 5.0, 0.5, "mm", "7.2.2", STATED),
     "squeeze heading": ThesisMeasurement(
-        "squeeze", "standard deviation of the heading, median after 2 s", -math.inf, 22.5, 2.0, "deg", "7.2.2", STATED
-    ),
-}
+        "squeeze", "standard deviation of the heading, median after 2 s", -math.inf, 22.5, 2.0, "deg", "7.2.2", STATED),
+}  # fmt: skip
 """Fitted measurements. The error of the PID's residual is the scatter of simulated machines of equal settings."""
 
 

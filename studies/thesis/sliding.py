@@ -33,20 +33,34 @@ def velocity(ratio: Any, share: Any, phase: Any, periods: int, start: Any = 0.0,
     Raises:
         ValueError: values for which the part may stick.
     """
-    ratio, share, phase = _checked(ratio, share, phase)
+    ratio, share, phase = np.broadcast_arrays(*map(np.atleast_1d, (ratio, share, phase)))
+    worst = float((ratio * (1.0 + share)).max())
+    if worst >= 1.0:
+        raise checks.refuse("ratio", worst, "ratio (1 + share) below 1: a sliding part never sticks")
+    h = 2.0 * math.pi / steps
+
+    def slope(angle: float, now: np.ndarray) -> np.ndarray:
+        slip_x, slip_y = -math.sin(angle) - now[:, 0], math.cos(angle) - now[:, 1]
+        pull = ratio * (1.0 - share * np.cos(angle + phase)) / np.hypot(slip_x, slip_y)
+        return np.column_stack([pull * slip_x, pull * slip_y])
+
     now = np.array(np.broadcast_to(start, (len(ratio), 2)), dtype=float)
-    result = np.empty((periods * steps + 1, len(ratio), 2))
-    result[0] = now
+    path = [now]
     for k in range(periods * steps):
-        now = _step(k % steps, steps, now, ratio, share, phase)
-        result[k + 1] = now
-    return result
+        first = slope(k % steps * h, now)
+        second = slope((k % steps + 0.5) * h, now + 0.5 * h * first)
+        third = slope((k % steps + 0.5) * h, now + 0.5 * h * second)
+        fourth = slope((k % steps + 1.0) * h, now + h * third)
+        now = now + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+        path.append(now)
+    return np.array(path)
 
 
 def steady(ratio: Any, share: Any, phase: Any, steps: int = STEPS) -> np.ndarray:
     """Return the mean velocity in the steady state, in units of the table's speed, (n, 2).
 
-    The steady state is the fixed point of the map from the start of a period to its end, found by Newton's method.
+    The steady state is the fixed point of the map from the start of a period to its end, found by Newton's method. Its mean is
+    taken by the trapezoidal rule, which has the order of the integrator for a periodic velocity.
 
     Args:
         ratio, share, phase, steps: see :func:`velocity`.
@@ -55,61 +69,21 @@ def steady(ratio: Any, share: Any, phase: Any, steps: int = STEPS) -> np.ndarray
         ValueError: values for which the part may stick.
         ArithmeticError: Newton's method does not converge.
     """
-    ratio, share, phase = _checked(ratio, share, phase)
+    ratio, share, phase = np.broadcast_arrays(*map(np.atleast_1d, (ratio, share, phase)))
     # First guess: steady velocity at full amplitude, to first order in the ratio. Newton steps are limited to 0.3.
     start = 0.7 * share[:, None] * np.column_stack([-np.sin(phase), -np.cos(phase)])
     nearby = np.array([[0.0, 0.0], [1e-6, 0.0], [0.0, 1e-6]])[:, None]
-    ratios, shares, phases = (np.tile(each, 3) for each in (ratio, share, phase))
+    ratios, shares, phases = (np.tile(values, 3) for values in (ratio, share, phase))
     for _ in range(MAX_NEWTON):
-        ends, means = _period((start + nearby).reshape(-1, 2), ratios, shares, phases, steps)
-        images = ends.reshape(3, -1, 2)
+        path = velocity(ratios, shares, phases, 1, (start + nearby).reshape(-1, 2), steps)
+        images = path[-1].reshape(3, -1, 2)
         change = images[0] - start
         if (np.abs(change) <= TOLERANCE * ratio[:, None] + 1e-14).all():
-            return means[: len(ratio)]
+            return ((0.5 * (path[:-1] + path[1:])).sum(axis=0) / steps)[: len(ratio)]
         slope = np.stack([(image - images[0]) / 1e-6 for image in images[1:]], axis=-1) - np.eye(2)
         move = np.linalg.solve(slope, -change[..., None])[..., 0]
         start = start + move * np.minimum(1.0, 0.3 / np.maximum(np.hypot(*move.T), 1e-300))[:, None]
     raise ArithmeticError("no steady state: Newton's method did not converge")
-
-
-def _period(
-    start: np.ndarray, ratio: np.ndarray, share: np.ndarray, phase: np.ndarray, steps: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the velocity after a period, and its mean (n, 2).
-
-    For a periodic velocity the trapezoidal rule has the order of the integrator.
-    """
-    now, total = start, np.zeros_like(start)
-    for k in range(steps):
-        after = _step(k, steps, now, ratio, share, phase)
-        total += 0.5 * (now + after)
-        now = after
-    return now, total / steps
-
-
-def _step(k: int, steps: int, now: np.ndarray, ratio: np.ndarray, share: np.ndarray, phase: np.ndarray) -> np.ndarray:
-    h = 2.0 * math.pi / steps
-    first = _slope(k * h, now, ratio, share, phase)
-    second = _slope((k + 0.5) * h, now + 0.5 * h * first, ratio, share, phase)
-    third = _slope((k + 0.5) * h, now + 0.5 * h * second, ratio, share, phase)
-    fourth = _slope((k + 1.0) * h, now + h * third, ratio, share, phase)
-    return now + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
-
-
-def _slope(angle: float, now: np.ndarray, ratio: np.ndarray, share: np.ndarray, phase: np.ndarray) -> np.ndarray:
-    slip_x, slip_y = -math.sin(angle) - now[:, 0], math.cos(angle) - now[:, 1]
-    pull = ratio * (1.0 - share * np.cos(angle + phase)) / np.hypot(slip_x, slip_y)
-    return np.column_stack([pull * slip_x, pull * slip_y])
-
-
-def _checked(ratio: Any, share: Any, phase: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    shape = np.broadcast_shapes(np.shape(ratio), np.shape(share), np.shape(phase), (1,))
-    ratio = checks.array("ratio", ratio, shape, least=1e-6)
-    share = checks.array("share", share, shape, least=0.0, most=1.0)
-    worst = float((ratio * (1.0 + share)).max())
-    if worst >= 1.0:
-        raise checks.refuse("ratio", worst, "ratio (1 + share) below 1: a sliding part never sticks")
-    return ratio, share, checks.array("phase", phase, shape)
 
 
 DECAY = 12.0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.figures import INK, MUTED, new_figure, png, style
-from studies.thesis.figure import Comparison, Figure, Picture, Table, of_number, of_range
+from studies.thesis.figure import Figure, figure
 from studies.thesis.sliding import simulated_velocity, steady
 from vibgym import Surface
 
@@ -23,11 +23,7 @@ CHECKED = ((2.7e-3, 25.0), (2.7e-3, 12.0), (1e-3, 25.0), (0.5e-3, 25.0), (10e-3,
 
 
 def largest_ratio(friction_ratio: Any) -> np.ndarray:
-    """Return lambda_v (n,), mean speed over table speed at the lift-off amplitude.
-
-    Args:
-        friction_ratio: (n,) ``mu g / (a_h w^2)``, below 0.5.
-    """
+    """Return lambda_v (n,), mean speed over table speed at the lift-off amplitude, for ``mu g / (a_h w^2)`` (n,) below 0.5."""
     return np.hypot(*steady(friction_ratio, 1.0, 1.5 * math.pi).T)
 
 
@@ -41,18 +37,7 @@ def ratio_map(radius: np.ndarray, frequency: np.ndarray, friction: float) -> np.
 def draw() -> Figure:
     """Plot the map, and compare some points with the simulator."""
     radius, frequency = np.linspace(0.0, RADIUS, POINTS + 1)[1:], np.linspace(0.0, FREQUENCY, POINTS + 1)[1:]
-    values = ratio_map(radius, frequency, FRICTION)
-    sliding = np.isfinite(values)
-    figure = new_figure(6.2, 3.4)
-    axes = figure.add_subplot()
-    image = axes.pcolormesh(1e3 * radius, frequency, values, cmap="viridis", vmin=0.66, vmax=0.72, shading="nearest")
-    axes.contour(1e3 * radius, frequency, np.nan_to_num(values), levels=[0.70], colors="white", linewidths=1.0)
-    axes.plot([2.7], [25.0], "o", color=INK, markersize=4, markerfacecolor="white")
-    style(axes, xlabel="horizontal amplitude, mm", ylabel="frequency, Hz")
-    axes.grid(False)
-    bar = figure.colorbar(image, ax=axes)
-    bar.ax.tick_params(colors=MUTED, labelsize=7.5)
-    bar.set_label("largest mean speed / table speed", color=MUTED, fontsize=8)
+    ratios = ratio_map(radius, frequency, FRICTION)
     rows, off = [], 0.0
     for a_h, hertz in CHECKED:
         surface = Surface(horizontal_amplitude=a_h, frequency=hertz)
@@ -60,40 +45,29 @@ def draw() -> Figure:
         ratio = FRICTION * surface.gravity / (surface.table_speed * surface.angular_frequency)
         simulated, solved = float(ours / surface.table_speed), float(largest_ratio([ratio])[0])
         off = max(off, abs(simulated / solved - 1.0))
-        rows.append((f"{1e3 * a_h:.1f} mm, {hertz:.0f} Hz", f"{ratio:.4f}", f"{solved:.4f}", f"{simulated:.4f}"))
-    share = float((values[sliding] > 0.70).mean())
-    prototype = ratio_map(np.array([2.7e-3]), np.array([25.0]), FRICTION)[0, 0]
-    fastest, slowest = float(np.nanmax(values)), float(largest_ratio([LIMIT])[0])
-    return Figure(
-        title="Section 3.5.4, eq. 3.41: the largest speed is 0.70 to 0.72 of the table's",
-        shows="The thesis shows the ratio of the largest mean speed to the table's speed over amplitude and "
-        "frequency: above 0.7 for most pairs, between 0.6 and 0.7 where either is very small, and at most 0.72.",
-        comparisons=(
-            of_number("Largest ratio", 0.72, fastest, digits=3),
-            of_range("Smallest ratio, at the limit of permanent sliding", 0.6, 0.7, slowest),
-            Comparison("Share of the sliding pairs with a ratio above 0.7", "most", f"{100.0 * share:.1f} %", "agrees"),
-            of_range("Ratio on the prototype, 2.7 mm and 25 Hz", 0.70, 0.72, float(prototype), digits=4),
-        ),
-        differs=f"All values of the text agree: the ratio tends to {fastest:.4f} as friction becomes "
-        f"small against the table's acceleration, and to {slowest:.3f} at the limit of permanent sliding. The "
-        f"simulator is within {100.0 * off:.3f} % of the equation's solution. The ratio depends only on "
-        "mu g / (a_h w^2), which the remaining text does not state.",
-        assumed=(
-            "The axis of the amplitude is lost: 0 to 10 mm, as in fig. 3.9. The friction coefficient is lost: 0.6, "
-            "the value of fig. 3.9.",
-        ),
-        pictures=(
-            Picture(
-                png(figure),
-                "Solution of eq. 3.27 at the lift-off amplitude. White, lower left: parts may stick. Line: 0.70. "
-                "Ring: the prototype.",
-            ),
-        ),
-        tables=(
-            Table(
-                "Solution of the equation, and the simulator's planar model.",
-                ("Amplitude, frequency", "mu g / (a_h w^2)", "Equation", "Simulator"),
-                tuple(rows),
-            ),
-        ),
-    )
+        rows.append({
+            "Amplitude, frequency": f"{1e3 * a_h:.1f} mm, {hertz:.0f} Hz", "mu g / (a_h w^2)": f"{ratio:.4f}",
+            "Equation": f"{solved:.4f}", "Simulator": f"{simulated:.4f}",
+        })  # fmt: skip
+    values = {
+        "fastest": float(np.nanmax(ratios)),
+        "slowest": float(largest_ratio([LIMIT])[0]),
+        "share": 100.0 * (ratios[np.isfinite(ratios)] > 0.70).mean(),
+        "prototype": float(ratio_map(np.array([2.7e-3]), np.array([25.0]), FRICTION)[0, 0]),
+        "off": 100.0 * off,
+    }
+    return figure("speed_ratio", values, [_plot(radius, frequency, ratios)], rows)
+
+
+def _plot(radius: np.ndarray, frequency: np.ndarray, ratios: np.ndarray) -> bytes:
+    picture = new_figure(6.2, 3.4)
+    axes = picture.add_subplot()
+    image = axes.pcolormesh(1e3 * radius, frequency, ratios, cmap="viridis", vmin=0.66, vmax=0.72, shading="nearest")
+    axes.contour(1e3 * radius, frequency, np.nan_to_num(ratios), levels=[0.70], colors="white", linewidths=1.0)
+    axes.plot(2.7, 25.0, "o", color=INK, markersize=4, markerfacecolor="white")
+    style(axes, xlabel="horizontal amplitude, mm", ylabel="frequency, Hz")
+    axes.grid(False)
+    bar = picture.colorbar(image, ax=axes)
+    bar.ax.tick_params(colors=MUTED, labelsize=7.5)
+    bar.set_label("largest mean speed / table speed", color=MUTED, fontsize=8)
+    return png(picture)

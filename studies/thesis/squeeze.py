@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, new_figure, png, style
-from studies.thesis.figure import Comparison, Figure, Picture, Table, of_range
+from studies.thesis.closed_loop import common_command, ready
+from studies.thesis.figure import Figure, figure
 from vibgym import Part, Simulator, Surface
-from vibgym.actuators import ACTUATORS
 from vibgym.fields import squeeze
-from vibgym.physics.core.drive import polar_drive
 from vibgym.scene.parts import shipped_part
 
 LINE = 0.078
@@ -34,17 +33,11 @@ STABLE = math.radians(22.5)
 
 @dataclass(frozen=True)
 class Squeezed:
-    """Trajectories of parts, one per world.
+    """Trajectories of parts, one per world."""
 
-    Attributes:
-        time: (k,) s.
-        pose: (k, worlds, 3) m, rad, not wrapped.
-        symmetry: headings are modulo ``2 pi / symmetry``; in the thesis, modulo pi.
-    """
-
-    time: np.ndarray
-    pose: np.ndarray
-    symmetry: int
+    time: np.ndarray  # (k,) s
+    pose: np.ndarray  # (k, worlds, 3) m, rad, not wrapped
+    symmetry: int  # headings are modulo ``2 pi / symmetry``; in the thesis, modulo pi
 
     @property
     def offset(self) -> np.ndarray:
@@ -96,22 +89,19 @@ def squeezed(
         seconds: duration, s.
     """
     surface = Surface() if surface is None else surface
-    shape = (worlds, surface.rows, surface.columns)
-    amplitude, phase = squeeze(START, LINE, 0.0, 1.0, REACH).drive(surface)
-    command = polar_drive(np.broadcast_to(amplitude, shape), np.broadcast_to(phase, shape), surface.angular_frequency)
-    stage = ACTUATORS.make("hardware", hardware, surface, worlds, 1)
     random = np.random.default_rng(74)
-    stage.prepare(command)
     pose = np.zeros((worlds, 1, 3))
     pose[:, 0, 0] = START
     pose[:, 0, 1] = random.uniform(part.radius, 2.0 * LINE - part.radius, worlds)
     pose[:, 0, 2] = random.uniform(-math.pi, math.pi, worlds)
-    stage.reset(np.arange(worlds), random.random((worlds, stage.draws)))
+    actuators = ready(hardware, surface, worlds, random)
+    amplitude, phase = (np.tile(grid, (worlds, 1, 1)) for grid in squeeze(START, LINE, 0.0, 1.0, REACH).drive(surface))
+    command = common_command(surface, amplitude, phase)
     simulator = Simulator(surface, part, worlds=worlds)
     simulator.reset(pose, [*surface.idle_velocity(part.friction), 0.0])
     poses = [simulator.pose[:, 0]]
     for _ in range(round(seconds / surface.period)):
-        for drive, periods in stage.apply(command):
+        for drive, periods in actuators.apply(command):
             simulator.run(drive, periods)
         poses.append(simulator.pose[:, 0])
     return Squeezed(np.arange(len(poses)) * surface.period, np.array(poses), max(part.symmetry, 1))
@@ -153,76 +143,31 @@ def draw() -> Figure:
         for name, part in objects().items()
         for hardware in HARDWARE
     }
+    deviations = {key: largest_deviations(run) for key, run in runs.items()}
     own = {hardware: runs[block, hardware] for hardware in HARDWARE}
     real = own["prototype"]
-    offset, turn = largest_deviations(real)
-    ideal_offset, ideal_turn = largest_deviations(own["ideal"])
-    below = 100.0 * float((np.degrees(real.heading[real.late].std(axis=1)) < 22.5).mean())
     loose = [name for name in objects() if runs[name, "prototype"].stable < 0.9]
-    return Figure(
-        title="Figs. 7.4 and 7.5: parts in a squeeze field",
-        shows="A rectangular part starts many times at random poses in a squeeze field, without a sensor. After the "
-        "transient the standard deviation of y is below 5 mm, that of the heading (modulo 180 deg) below 22.5 deg "
-        "most of the time. Many of the other objects had no stable heading.",
-        comparisons=(
-            of_range("Standard deviation of y after the transient, prototype hardware", None, 5.0, offset, "mm", 2),
-            of_range("Standard deviation of the heading after the transient, prototype hardware", None, 22.5, turn, "deg", 1),
-            Comparison(
-                "Share of the time with the heading's below 22.5 deg", "most of the time", f"{below:.0f} %", "agrees"
-            ),
-            Comparison(
-                "The same two on ideal hardware", "not measured", f"{ideal_offset:.2f} mm, {ideal_turn:.1f} deg",
-                "the remainder is the end of the transient",
-            ),
-            Comparison(
-                "Objects without a stable heading", "many",
-                f"{len(loose)} of {len(runs) // 2}: {'; '.join(loose)}",
-                "the trend agrees; the objects of the thesis are lost",
-            ),
-        ),
-        differs=f"{offset:.2f} mm and {turn:.1f} deg are well within the thesis's bounds. As these are bounds, the "
-        "accuracy of the machine is not known. Not simulated: friction that varies over the surface, and parts that "
-        "are not flat. Other shapes without a stable heading are reproduced: squares rotate slowly, the larger one "
-        "only where elements differ, triangles rotate on any hardware, and an L-shape rests at several headings.",
-        assumed=(
-            "The part, the number of starts and their positions (fig. 7.4) are lost: the aluminium block, 200 starts "
-            f"at x = {1e3 * START:.0f} mm with any y on the middle six rows and any heading, at rest; the "
-            "squeeze line at y = 78 mm, from the axes of fig. 7.5.",
-            f"The field's amplitude is lost: lift-off. The assumed transient lasts {TRANSIENT:.0f} s.",
-            "A heading is stable if it changes by less than 10 deg in the last 1.5 of 10 s and ends within 22.5 deg "
-            "of the mean, both modulo the part's symmetry.",
-        ),
-        pictures=(
-            Picture(
-                _plot(own),
-                f"Left: {PLOTTED} trajectories on prototype hardware, heading relative to the mean and modulo "
-                "180 deg. Right: standard deviations of 200, solid on prototype hardware, dashed on ideal "
-                "hardware; line: bound in the thesis.",
-            ),
-        ),
-        tables=(_table(runs),),
-    )  # fmt: skip
-
-
-def _table(runs: dict[tuple[str, str], Squeezed]) -> Table:
-    """Return the table with a row per object and hardware."""
-    rows = []
-    for (name, hardware), run in runs.items():
-        deviations = largest_deviations(run)
-        rows.append(
-            (name, hardware, f"{360 // run.symmetry} deg", f"{deviations[0]:.2f} mm", f"{deviations[1]:.1f} deg",
-             f"{100.0 * run.resting:.0f} %", f"{100.0 * run.stable:.0f} %")
-        )  # fmt: skip
-    return Table(
-        "Largest standard deviations after the transient, and shares of 200 parts of the first kind and 100 of the others.",
-        ("Part", "Hardware", "Heading modulo", "Of y", "Of the heading", "Heading at rest", "Stable"),
-        tuple(rows),
-    )
+    values = {
+        "offset": deviations[block, "prototype"][0],
+        "heading": deviations[block, "prototype"][1],
+        "ideal": deviations[block, "ideal"],
+        "below": 100.0 * (np.degrees(real.heading[real.late].std(axis=1)) < 22.5).mean(),
+        "loose": f"{len(loose)} of {len(objects())}: {'; '.join(loose)}",
+    }
+    rows = [
+        {
+            "Part": name, "Hardware": hardware, "Heading modulo": f"{360 // run.symmetry} deg",
+            "Of y": f"{deviations[name, hardware][0]:.2f} mm", "Of the heading": f"{deviations[name, hardware][1]:.1f} deg",
+            "Heading at rest": f"{100.0 * run.resting:.0f} %", "Stable": f"{100.0 * run.stable:.0f} %",
+        }
+        for (name, hardware), run in runs.items()
+    ]  # fmt: skip
+    return figure("squeeze", values, [_plot(own)], rows)
 
 
 def _plot(own: dict[str, Squeezed]) -> bytes:
-    figure = new_figure(7.6, 4.0)
-    panels, real = figure.subplots(2, 2, sharex=True), own["prototype"]
+    picture = new_figure(7.6, 4.0)
+    panels, real = picture.subplots(2, 2, sharex=True), own["prototype"]
     for k in range(PLOTTED):
         panels[0, 0].plot(real.time, 1e3 * real.pose[:, k, 1], color=INK, linewidth=0.5, alpha=0.7)
         turned = np.degrees(real.heading[:, k])
@@ -241,4 +186,4 @@ def _plot(own: dict[str, Squeezed]) -> bytes:
     panels[0, 0].set_yticks(np.arange(0, 157, 26))
     panels[1, 0].set_yticks(np.arange(-90, 91, 45))
     panels[1, 1].set(ylim=(0, 67.5), yticks=np.arange(0, 68, 22.5), xlim=(0.0, real.time[-1]))
-    return png(figure)
+    return png(picture)

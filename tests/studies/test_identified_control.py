@@ -20,8 +20,8 @@ def test_the_control_loop_knows_what_it_is_given():
 
 
 def test_rows_compare_episodes_that_both_solve():
-    found = {"identified": [2.0, 1.1, np.nan], "true": [2.0, 1.0, 1.0], "nominal": [np.nan]}
-    assert study.row(found) == ["66.7 %, 1.55 s", "100.0 %, 1.00 s", "0.0 %, –", "+3.3 %", "+3.3 %"]
+    times = {"identified": [2.0, 1.1, np.nan], "true": [2.0, 1.0, 1.0], "nominal": [np.nan]}
+    assert study.row(times) == ["66.7 %, 1.55 s", "100.0 %, 1.00 s", "0.0 %, –", "+3.3 %", "+3.3 %"]
 
 
 def test_a_small_run_prints_and_stores(monkeypatch, capsys, tmp_path):
@@ -39,7 +39,7 @@ def test_a_small_run_prints_and_stores(monkeypatch, capsys, tmp_path):
     options = chosen.split()
     monkeypatch.setattr(sys, "argv", ["study", *options, "--output", str(tmp_path)])
     study.main()
-    (line,) = [each for each in capsys.readouterr().out.splitlines() if "`local_field`" in each]
+    (line,) = [other for other in capsys.readouterr().out.splitlines() if "`local_field`" in other]
     assert line.count("100.0 %") >= 2 and "+0.0 %" in line
     (path,) = tmp_path.glob("*.json")
     assert set(json.loads(path.read_text())) == set(study.knowledge(machine, fitted(None, force=True)))

@@ -36,9 +36,9 @@ def test_rows_of_another_length_are_rejected_before_storing(monkeypatch, tmp_pat
 def test_every_stored_table_is_on_a_page_and_its_command_exists():
     pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
     included = re.findall(r"\{include\} generated/tables/(\S+)\.md", pages)
-    found = kept.tables()
-    assert sorted(included) == sorted(found)
-    for table in found.values():
+    stored = kept.tables()
+    assert sorted(included) == sorted(stored)
+    for table in stored.values():
         module = re.match(r"python -m ([\w.]+)|make compare$", table.command)[1]
         path = ROOT / (module or "Makefile").replace(".", "/")
         assert path.exists() or path.with_suffix(".py").exists() or (path / "__main__.py").exists()

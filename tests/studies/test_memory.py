@@ -22,7 +22,7 @@ def test_the_number_of_steps_covers_the_age_of_readings(condition):
     if not missed:
         assert ages.max() == condition.delay and condition.steps == condition.delay + 1
         return
-    share = [(ages >= condition.delay + each).mean() for each in (missed, missed - 1)]
+    share = [(ages >= condition.delay + number).mean() for number in (missed, missed - 1)]
     assert share[0] == pytest.approx(condition.dropout**missed, rel=0.25) and share[0] < 0.0115 < share[1]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from studies.accuracy.hard_cases import crowds, drives, endurance, geometry, invariants, sliding  # noqa: F401
+from studies.accuracy.hard_cases import crowds, friction, geometry, invariants  # noqa: F401
 from studies.accuracy.hard_cases.case import CASES, HardCase, Outcome, run_case
 
 __all__ = ["CASES", "HardCase", "Outcome", "run_all", "run_case"]

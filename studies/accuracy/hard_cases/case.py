@@ -29,19 +29,13 @@ FINE_BOUND = 1e-6
 
 
 class Outcome(NamedTuple):
-    """Result of a case.
+    """Result of a case."""
 
-    Attributes:
-        measured, bound: in ``unit``; the case passes if measured <= bound, unless ``note`` states another relation.
-        passed: whether the case passes.
-        note: conditions and further numbers.
-    """
-
-    measured: float
-    bound: float
+    measured: float  # in ``unit``
+    bound: float  # the case passes if measured <= bound, unless ``note`` states another relation
     unit: str
-    passed: bool
-    note: str = ""
+    passed: bool  # whether the case passes
+    note: str = ""  # conditions and further numbers
 
 
 class HardCase(NamedTuple):
@@ -60,8 +54,8 @@ def case(name: str, question: str, *arguments: tuple) -> Callable[[Callable[...,
     """Return a decorator that registers a check, once for each tuple of ``arguments``, with which ``name`` is formatted."""
 
     def register(check: Callable[..., Outcome]) -> Callable[..., Outcome]:
-        for each in arguments or [()]:
-            CASES.append(HardCase(name.format(*each), question, functools.partial(check, *each)))
+        for values in arguments or [()]:
+            CASES.append(HardCase(name.format(*values), question, functools.partial(check, *values)))
         return check
 
     return register
@@ -80,18 +74,18 @@ def run_case(case: HardCase, longest: float = LONGEST) -> Outcome:
         case: to run.
         longest: s after which the case counts as hung; its thread is a daemon.
     """
-    found: list[Outcome] = []
+    outcomes: list[Outcome] = []
 
     def work() -> None:
         try:
-            found.append(case.run())
+            outcomes.append(case.run())
         except Exception as error:
-            found.append(Outcome(math.nan, math.nan, "", False, f"{type(error).__name__}: {error}"))
+            outcomes.append(Outcome(math.nan, math.nan, "", False, f"{type(error).__name__}: {error}"))
 
     thread = threading.Thread(target=work, name=case.name, daemon=True)
     thread.start()
     thread.join(longest)
-    return found[0] if found else Outcome(math.inf, longest, "s", False, f"did not end within {longest:g} s")
+    return outcomes[0] if outcomes else Outcome(math.inf, longest, "s", False, f"did not end within {longest:g} s")
 
 
 class Scene(NamedTuple):
@@ -121,7 +115,7 @@ def sound(sim: Simulator) -> None:
     Raises:
         ArithmeticError: a number is not finite, or a world diverged.
     """
-    finite = all(np.isfinite(each).all() for each in (sim.pose, sim.velocity, sim.mean_velocity))
+    finite = all(np.isfinite(array).all() for array in (sim.pose, sim.velocity, sim.mean_velocity))
     if sim.diverged.any() or not finite:
         raise ArithmeticError(f"diverged or not finite at {sim.time:g} s")
 
@@ -139,7 +133,7 @@ def follow(scene: Scene, **knobs: Any) -> Path:
         sim.advance(scene.amplitude, scene.phase)
         states.append((sim.pose[0, 0], sim.velocity[0, 0], bool(sim.sticking[0, 0]), bool(sim.fallen[0, 0])))
         sound(sim)
-    return Path(*(np.array(each) for each in zip(*states, strict=True)))
+    return Path(*(np.array(series) for series in zip(*states, strict=True)))
 
 
 def exactly(scene: Scene) -> Trajectory:

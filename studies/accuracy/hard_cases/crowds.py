@@ -126,8 +126,8 @@ def wedge() -> Outcome:
     deepest = 0.0
     for mass in (0.05, 50.0):
         parts = [slender, Part.rectangle(0.05, 0.06, friction=MU, mass=mass)]
-        found, sim = driven(parts, pose, uniform(math.radians(262)), 80, walls=("left", "bottom"))
-        deepest = max(deepest, found)
+        depth, sim = driven(parts, pose, uniform(math.radians(262)), 80, walls=("left", "bottom"))
+        deepest = max(deepest, depth)
         if sim.fallen.any() or sim.pose[0, 0, 0] < 0.0:
             raise ArithmeticError(f"the wedge went through the wall: {sim.pose[0, 0]}")
     return at_most(deepest, PUSHED, "m", "80 periods at full amplitude; block of 0.05 and 50 kg")
@@ -140,8 +140,8 @@ def heavy_on_light() -> Outcome:
     light = Part.rectangle(0.03, 0.03, friction=MU, mass=0.01)
     deepest = 0.0
     for parts, x in (([light, heavy], (0.0151, 0.0553)), ([heavy, light], (0.0252, 0.0655))):
-        found, _ = driven(parts, [[each, 0.1, 0.0] for each in x], uniform(math.pi), 80, WALLS)
-        deepest = max(deepest, found)
+        depth, _ = driven(parts, [[place, 0.1, 0.0] for place in x], uniform(math.pi), 80, WALLS)
+        deepest = max(deepest, depth)
     return at_most(deepest, PUSHED, "m", "80 periods at full amplitude, either next to the wall")
 
 
@@ -218,8 +218,8 @@ def hooked_and_driven() -> Outcome:
         [0.5 + slot[0] + 0.035, 0.1 + slot[1] + 0.0335, 0.0],
     ]
     for direction in (0.0, 90.0, 180.0, 270.0, 45.0):
-        found, sim = driven(parts, pose, uniform(math.radians(direction)), 20, WALLS)
-        deepest = max(deepest, found)
+        depth, sim = driven(parts, pose, uniform(math.radians(direction)), 20, WALLS)
+        deepest = max(deepest, depth)
         if sim.fallen.any():
             raise ArithmeticError(f"fallen in spite of walls: {sim.fallen}")
     return at_most(deepest, PUSHED, "m", "5 directions, 20 periods")

@@ -62,12 +62,12 @@ def prototype(part: Part, pose: list[float], velocity: list[float], seed: int, p
 def shifted(pose: list[float], by: float, bound: float) -> Outcome:
     """Return the largest difference that a small shift of the start makes, in eight directions and two turns."""
     angles = math.pi / 4 * np.arange(8)
-    shifts = [by * np.array([round(math.cos(each)), round(math.sin(each)), 0]) for each in angles]
+    shifts = [by * np.array([round(math.cos(angle)), round(math.sin(angle)), 0]) for angle in angles]
     shifts += [np.array([0.0, 0.0, turn]) for turn in (by / TWO_BY_ONE.radius, -by / TWO_BY_ONE.radius)]
     base, *others = (
-        follow(prototype(TWO_BY_ONE, list(pose + each), [0, 0, 0], 7, 6)).pose for each in [np.zeros(3), *shifts]
+        follow(prototype(TWO_BY_ONE, list(pose + shift), [0, 0, 0], 7, 6)).pose for shift in [np.zeros(3), *shifts]
     )
-    return at_most(max(gap(TWO_BY_ONE, each, base) for each in others), bound, "m", f"shifts of {by:g} m, 6 periods")
+    return at_most(max(gap(TWO_BY_ONE, other, base) for other in others), bound, "m", f"shifts of {by:g} m, 6 periods")
 
 
 @case(
@@ -162,13 +162,13 @@ BORDERS = (
 def _falls() -> list[tuple[str, Scene, Trajectory]]:
     """Return motions by the reference of a block, and of a part whose centre of mass lies outside its material, over all
     borders. The table pushes most strongly towards ``direction`` with phase 270 degrees less that."""
-    surface, found = Surface(), []
+    surface, cases = Surface(), []
     for part in (TWO_BY_ONE, U_SHAPE):
         for name, direction, pose in BORDERS:
             phase = 1.5 * math.pi - direction
             scene = Scene(surface, part, pose, [0, 0, 0], surface.lift_off_amplitude, phase, 12)
-            found.append((f"{part.name} at the {name}", scene, exactly(scene)))
-    return found
+            cases.append((f"{part.name} at the {name}", scene, exactly(scene)))
+    return cases
 
 
 @case("overhang up to falling, fine steps", "Do time and place of the fall converge?", (FINE,))

@@ -20,7 +20,7 @@ from vibgym import files
 def cell(value: Any) -> str:
     """Return the text of a value in a table."""
     if isinstance(value, list):
-        return ", ".join(cell(each) for each in value)
+        return ", ".join(cell(entry) for entry in value)
     return f"{value:.4g}" if isinstance(value, float) else "–" if value is None else str(value)
 
 

@@ -126,6 +126,6 @@ def _fan(outline: np.ndarray, rings: int) -> tuple[np.ndarray, np.ndarray]:
                 small = [(at(i, j), at(i + 1, j), at(i, j + 1))]
                 if i + j < rings - 1:
                     small.append((at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)))
-                for corner in (each for triangle in small for each in triangle):
+                for corner in (vertex for triangle in small for vertex in triangle):
                     shares[corner] = shares.get(corner, 0.0) + area / rings**2 / 3.0
     return np.array(list(shares)), np.array(list(shares.values())) / total

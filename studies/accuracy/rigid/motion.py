@@ -26,20 +26,15 @@ class Plates(NamedTuple):
     Plate (i, j) covers ``[j L, (j+1) L] x [i L, (i+1) L]``, has the height ``(C cos wt - S sin wt)/w^2``, and moves
     horizontally at ``a_h w (-sin wt, cos wt)``. Borders stay where they are. Within ``ramp`` of one, heights are blended
     (smoothstep), so that a point climbs to the next plate over ``2 ramp``. The contact force stays vertical there.
-
-    Attributes:
-        c, s: (rows, columns) m/s^2: ``a_v w^2`` times cosine and sine of the phase.
-        size: L, m.  amplitude: a_h, m.  frequency: w, rad/s.  gravity: m/s^2.
-        ramp: m, at most L/2; 0 is a step.
     """
 
-    c: np.ndarray
-    s: np.ndarray
-    size: float = 0.026
-    amplitude: float = 2.7e-3
-    frequency: float = 2.0 * math.pi * 25.0
-    gravity: float = 9.81
-    ramp: float = 3e-3
+    c: np.ndarray  # (rows, columns) m/s^2: ``a_v w^2`` times the cosine of the phase
+    s: np.ndarray  # times its sine
+    size: float = 0.026  # L, m
+    amplitude: float = 2.7e-3  # a_h, m
+    frequency: float = 2.0 * math.pi * 25.0  # w, rad/s
+    gravity: float = 9.81  # m/s^2
+    ramp: float = 3e-3  # m, at most L/2; 0 is a step
 
     @property
     def period(self) -> float:
@@ -102,46 +97,28 @@ STICKING = 0.125
 
 
 class Start(NamedTuple):
-    """Initial state of a body.
+    """Initial state of a body."""
 
-    Attributes:
-        position: (3,) of the centre of mass, m.
-        attitude: (4,) unit quaternion (w, x, y, z), rotation from the body's axes to the world's.
-        velocity: (3,) m/s.  spin: (3,) angular velocity in the world's axes, rad/s.
-    """
-
-    position: np.ndarray
-    attitude: np.ndarray
-    velocity: np.ndarray
-    spin: np.ndarray
+    position: np.ndarray  # (3,) of the centre of mass, m
+    attitude: np.ndarray  # (4,) unit quaternion (w, x, y, z), rotation from the body's axes to the world's
+    velocity: np.ndarray  # (3,) m/s
+    spin: np.ndarray  # (3,) angular velocity in the world's axes, rad/s
 
 
 class Track(NamedTuple):
-    """Motion of a body, at the start and after every interval.
+    """Motion of a body, at the start and after every interval."""
 
-    Attributes:
-        time: (n,) s.
-        position, velocity: (n, 3) m and m/s.
-        attitude: (n, 4).  spin: (n, 3) rad/s, in the world's axes.
-        heading: (n,) rad, of the body's x axis, unwrapped.
-        tilt: (n,) rad, between the body's axis and the vertical.
-        landing: s, start of the first whole period with a tilt below :data:`LANDED_TILT`; infinite if none.
-        landing_spin: rad/s about the vertical at landing.
-        toppled: whether the tilt exceeded :data:`TOPPLED_TILT`; the track is frozen there.
-        largest_tilt: rad.
-    """
-
-    time: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    attitude: np.ndarray
-    spin: np.ndarray
-    heading: np.ndarray
-    tilt: np.ndarray
-    landing: float
-    landing_spin: float
-    toppled: bool
-    largest_tilt: float
+    time: np.ndarray  # (n,) s
+    position: np.ndarray  # (n, 3) m
+    velocity: np.ndarray  # (n, 3) m/s
+    attitude: np.ndarray  # (n, 4)
+    spin: np.ndarray  # (n, 3) rad/s, in the world's axes
+    heading: np.ndarray  # (n,) rad, of the body's x axis, unwrapped
+    tilt: np.ndarray  # (n,) rad, between the body's axis and the vertical
+    landing: float  # s, start of the first whole period with a tilt below :data:`LANDED_TILT`; infinite if none
+    landing_spin: float  # rad/s about the vertical at landing
+    toppled: bool  # whether the tilt exceeded :data:`TOPPLED_TILT`; the track is frozen there
+    largest_tilt: float  # rad
 
 
 def attitude_of(heading: float, tilt: float = 0.0, towards: float = 0.0) -> np.ndarray:
@@ -170,13 +147,13 @@ def touching(
     attitude = attitude_of(heading, tilt, towards)
     places = body.points @ axes_of(attitude).T + [x, y, 0.0]
     w = plates.frequency
-    found = [
+    below = [
         under(plates.c, plates.s, plates.size, plates.ramp, 1.0, 0.0, w, float(px), float(py)) for px, py, _ in places
     ]
-    gaps = places[:, 2] - [each[0] for each in found]
+    gaps = places[:, 2] - [plate[0] for plate in below]
     first = int(np.argmin(gaps))
     z = -float(gaps[first]) - (sag if tilt == 0.0 else 0.0)
-    return Start(np.array([x, y, z]), attitude, np.array([*velocity, found[first][1]]), np.zeros(3))
+    return Start(np.array([x, y, z]), attitude, np.array([*velocity, below[first][1]]), np.zeros(3))
 
 
 def damping_ratio(restitution: float) -> float:
@@ -226,7 +203,7 @@ def simulate(
         plates.s, plates.size, plates.ramp, plates.amplitude, plates.frequency, plates.gravity, plates.highest, state, rows,
         per, interval / per, quiet,
     )  # fmt: skip
-    axes = np.array([axes_of(each) for each in rows[:, 3:7]])
+    axes = np.array([axes_of(row) for row in rows[:, 3:7]])
     heading = np.unwrap(np.arctan2(axes[:, 1, 0], axes[:, 0, 0]))
     tilt = np.arctan2(np.hypot(axes[:, 0, 2], axes[:, 1, 2]), axes[:, 2, 2])
     time = interval * np.arange(samples + 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -51,23 +51,24 @@ def tilted_starts(body: Body, plates: Plates, tilt: float, count: int, velocity:
     Headings are drawn.
     """
     rng = np.random.default_rng(FIRST_SEED)
-    found = []
+    starts = []
     for k in range(count):
         heading = rng.uniform(-math.pi, math.pi)
         lean = heading + 2.0 * math.pi * (k + rng.uniform()) / count
-        found.append(touching(body, plates, 2.0, 2.0, heading, tilt, lean, (float(velocity[0]), float(velocity[1]))))
-    return found
+        starts.append(touching(body, plates, 2.0, 2.0, heading, tilt, lean, (float(velocity[0]), float(velocity[1]))))
+    return starts
 
 
 def rocking(progress: Progress) -> Rows:
     """Measure Housner's block with decreasing sag."""
-    found = []
-    for slenderness in (3.0, 2.0):
-        for sag in (8e-7, 2e-7, 5e-8):
-            progress(f"Housner, {slenderness:g}, sag {sag:g} m")
-            share, wanted = housner.measured(slenderness, sag), housner.expected(slenderness)
-            found.append({"slenderness": slenderness, "sag_um": 1e6 * sag, "left": share, "wanted": wanted})
-    return found
+    progress("Housner")
+    return [
+        {
+            "slenderness": slenderness, "sag_um": 1e6 * sag, "left": housner.measured(slenderness, sag),
+            "wanted": housner.expected(slenderness),
+        }
+        for slenderness in (3.0, 2.0) for sag in (8e-7, 2e-7, 5e-8)
+    ]  # fmt: skip
 
 
 # -- releases ----------------------------------------------------------------------------------------------------------
@@ -83,98 +84,83 @@ DISC_RATIOS = (0.25, 0.4, 0.5, 0.7, 0.9, 1.25)
 SQUARE_RATIOS = (1.0, 1.2, 1.4)
 
 
-class Release(NamedTuple):
-    """Statistics over starts of one part, tilt and drive.
-
-    Attributes:
-        variant: difference from the default reference, or "".
-        landing_ms, landing_95_ms: median and 95th percentile of the time from release to the first quiet period.
-        spin: rad/s, standard deviation about zero of the spin at landing.
-        heading: deg, standard deviation of the change of heading after each of :data:`HEADING_TIMES`.
-        heading_shift: deg, its mean, likewise.
-        tilted: number of bodies that had not landed 1 s after the release.
-        toppled: number of bodies that fell over.
-    """
-
-    part: str
-    tilt_deg: float
-    drive: str
-    variant: str
-    starts: int
-    landing_ms: float | None
-    landing_95_ms: float | None
-    spin: float | None
-    heading: list[float]
-    heading_shift: list[float]
-    tilted: int
-    toppled: int
-
-
 def release(
     name: str, body: Body, tilt: float, drive: str, starts: int, variant: str = "", *, step: float = STEP, sag: float = SAG,
     restitution: float = RESTITUTION,
-) -> Release:  # fmt: skip
-    """Return the statistics of a body released from ``tilt`` deg on a level surface."""
+) -> dict[str, Any]:  # fmt: skip
+    """Return statistics of a body released from ``tilt`` deg on a level surface.
+
+    Landing times (ms, from release to the first quiet period) and the spin then (rad/s, standard deviation about zero) are
+    None if no body lands. ``heading`` and ``heading_shift`` are standard deviation and mean of its change (deg) after each
+    of :data:`HEADING_TIMES`; ``tilted`` bodies have not landed 1 s after the release. ``variant`` names differences from the
+    default reference.
+    """
     surface = Surface()
     plates = transport(surface, DRIVES[drive])
     velocity = surface.idle_velocity(body.friction)
     begins = tilted_starts(body, plates, math.radians(tilt), starts, velocity)
     duration = HEADING_TIMES[-1] + plates.period  # a landing at 1 s is detected a period later
-    tracks = [simulate(body, plates, each, duration, step=step, sag=sag, restitution=restitution) for each in begins]
-    landed = [each for each in tracks if each.landing <= HEADING_TIMES[-1]]
+    tracks = [simulate(body, plates, start, duration, step=step, sag=sag, restitution=restitution) for start in begins]
+    landed = [track for track in tracks if track.landing <= HEADING_TIMES[-1]]
     at = [round(time / plates.period) for time in HEADING_TIMES]
     turned = np.degrees([[track.heading[k] - track.heading[0] for k in at] for track in tracks])
     times = 1e3 * np.array([track.landing for track in landed])
-    return Release(
-        name, tilt, drive, variant, starts,
-        float(np.median(times)) if landed else None,
-        float(np.quantile(times, 0.95)) if landed else None,
-        float(np.sqrt(np.mean([track.landing_spin**2 for track in landed]))) if landed else None,
-        turned.std(axis=0, ddof=1).tolist(), turned.mean(axis=0).tolist(),
-        len(tracks) - len(landed), sum(track.toppled for track in tracks),
-    )  # fmt: skip
+    return {
+        "part": name,
+        "tilt_deg": tilt,
+        "drive": drive,
+        "variant": variant,
+        "starts": starts,
+        "landing_ms": float(np.median(times)) if landed else None,
+        "landing_95_ms": float(np.quantile(times, 0.95)) if landed else None,
+        "spin": float(np.sqrt(np.mean([track.landing_spin**2 for track in landed]))) if landed else None,
+        "heading": turned.std(axis=0, ddof=1).tolist(),
+        "heading_shift": turned.mean(axis=0).tolist(),
+        "tilted": len(tracks) - len(landed),
+        "toppled": sum(track.toppled for track in tracks),
+    }
+
+
+STIFFER: dict[str, Any] = {"variant": "four times stiffer", "sag": SAG / 4, "step": STEP / 2}
 
 
 def blocks(progress: Progress) -> Rows:
     """Measure both blocks from every tilt, under every drive; and the influence of the reference's constants."""
-    found = []
+    rows = []
     for name in BLOCKS:
-        body = body_of(shipped_part(name))
-        for tilt in TILTS:
-            for drive in DRIVES:
-                progress(f"{name}, {tilt:g} deg, {drive}")
-                found.append(release(name, body, tilt, drive, STARTS))
-        corners = body_of(shipped_part(name), corners_only=True)
-        for variant, (other, knobs) in {
-            "half the step": (body, {"step": STEP / 2}),
-            "four times stiffer": (body, {"sag": SAG / 4, "step": STEP / 2}),
-            "on four corners": (corners, {}),
-            "restitution 0": (body, {"restitution": 0.0}),
-            "restitution 0.5": (body, {"restitution": 0.5}),
-        }.items():
-            progress(f"{name}, 3 deg, full, {variant}")
-            found.append(release(name, other, 3.0, "full", STARTS, variant, **knobs))
-    return [each._asdict() for each in found]
+        body, corners = (body_of(shipped_part(name), corners_only=only) for only in (False, True))
+        progress(name)
+        rows += [release(name, body, tilt, drive, STARTS) for tilt in TILTS for drive in DRIVES]
+        variants: list[tuple[Body, dict[str, Any]]] = [
+            (body, {"variant": "half the step", "step": STEP / 2}),
+            (body, STIFFER),
+            (corners, {"variant": "on four corners"}),
+            (body, {"variant": "restitution 0", "restitution": 0.0}),
+            (body, {"variant": "restitution 0.5", "restitution": 0.5}),
+        ]
+        for other, knobs in variants:
+            progress(f"{name}, 3 deg, full, {knobs['variant']}")
+            rows.append(release(name, other, 3.0, "full", STARTS, **knobs))
+    return rows
 
 
 def slender(progress: Progress) -> Rows:
     """Measure discs and square blocks by height: number still tilted 1 s after the release."""
-    found = []
-    stiffer: dict[str, Any] = {"variant": "four times stiffer", "sag": SAG / 4, "step": STEP / 2}
+    rows = []
+    square = HALF_WIDTH * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     for drive in ("table only", "full"):
         for ratio in DISC_RATIOS:
             progress(f"disc {ratio:g}, {drive}")
             body, finer = (disc(DISC_RADIUS, 2 * ratio * DISC_RADIUS, FRICTION, rim=rim) for rim in (RIM, 2 * RIM))
             more: dict[str, Any] = {"variant": f"{2 * RIM} points on the rim"}
-            for each, knobs in ((body, {}), (finer, more), (body, stiffer)):
-                found.append(release(f"disc {ratio:g}", each, SLENDER_TILT, drive, SLENDER_STARTS, **knobs))
+            for other, knobs in ((body, {}), (finer, more), (body, STIFFER)):
+                rows.append(release(f"disc {ratio:g}", other, SLENDER_TILT, drive, SLENDER_STARTS, **knobs))
         for ratio in SQUARE_RATIOS:
             progress(f"square {ratio:g}, {drive}")
-            outline = HALF_WIDTH * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-            body = prism(outline, 2 * ratio * HALF_WIDTH, FRICTION)
-            for knobs in ({}, stiffer):
-                found.append(release(f"square {ratio:g}", body, SLENDER_TILT, drive, SLENDER_STARTS, **knobs))
-    return [each._asdict() for each in found]
+            body = prism(square, 2 * ratio * HALF_WIDTH, FRICTION)
+            for knobs in ({}, STIFFER):
+                rows.append(release(f"square {ratio:g}", body, SLENDER_TILT, drive, SLENDER_STARTS, **knobs))
+    return rows
 
 
 # -- fields ------------------------------------------------------------------------------------------------------------
@@ -186,35 +172,6 @@ RAMP = 3e-3  # m
 UNIFORM_PERIODS = 10
 FINE = {"steps": 64, "substeps": 2, "pieces": 2}
 """Knobs of the planar model with negligible step error."""
-
-
-class Gap(NamedTuple):
-    """Differences after :data:`DURATION`, medians over fields.
-
-    Attributes:
-        amplitude: share of the largest.
-        travel_mm: displacement of the planar model's part.
-        gap_mm, gap_deg, gap_95_mm, gap_95_deg: planar model and reference, and 95th percentiles.
-        step_mm, step_deg: reference against itself with half the step.
-        stiff_mm, stiff_deg: reference at half the step against itself four times stiffer.
-        largest_tilt_deg: median of the reference's largest tilt.
-        lost: fields in which the part fell, or toppled; they are left out.
-    """
-
-    part: str
-    amplitude: float
-    fields: int
-    lost: int
-    travel_mm: float
-    gap_mm: float
-    gap_deg: float
-    gap_95_mm: float
-    gap_95_deg: float
-    step_mm: float
-    step_deg: float
-    stiff_mm: float
-    stiff_deg: float
-    largest_tilt_deg: float
 
 
 def planar_pose(
@@ -244,11 +201,8 @@ def rigid_pose(
 
 def uniform(progress: Progress) -> Rows:
     """Measure full transport."""
-    found = []
-    for name in BLOCKS:
-        progress(f"uniform, {name}")
-        found.append({"part": name, **uniform_gap(shipped_part(name))})
-    return found
+    progress("uniform")
+    return [{"part": name, **uniform_gap(shipped_part(name))} for name in BLOCKS]
 
 
 def uniform_gap(part: Part, periods: int = UNIFORM_PERIODS) -> dict[str, float]:
@@ -266,10 +220,16 @@ def uniform_gap(part: Part, periods: int = UNIFORM_PERIODS) -> dict[str, float]:
 
 def random_fields(progress: Progress) -> Rows:
     """Measure random amplitude and phase of every plate, for both blocks and all amplitudes."""
-    return [_gap(name, amplitude, progress)._asdict() for name in BLOCKS for amplitude in AMPLITUDES]
+    return [_gap(name, amplitude, progress) for name in BLOCKS for amplitude in AMPLITUDES]
 
 
-def _gap(name: str, amplitude: float, progress: Progress) -> Gap:
+def _gap(name: str, amplitude: float, progress: Progress) -> dict[str, Any]:
+    """Return medians over fields of random amplitude, up to a share of the largest, and phase, after :data:`DURATION`.
+
+    ``travel``: displacement of the planar model's part. ``gap``: planar model and reference, with 95th percentiles. ``step``:
+    the reference against itself with half the step. ``stiff``: that against itself four times stiffer. Fields in which a part
+    is ``lost`` (it fell or toppled) are left out.
+    """
     surface, part = Surface(), shipped_part(name)
     periods = round(DURATION / surface.period)
     rows, lost = [], 0
@@ -289,12 +249,16 @@ def _gap(name: str, amplitude: float, progress: Progress) -> Gap:
         if any(toppled for _, _, toppled in runs) or not np.isfinite(planar).all():
             lost += 1
             continue
-        ends = [pose, planar, *(end for end, _, _ in runs)]
-        moved = [(float(np.hypot(*(b - a)[:2])), abs(b[2] - a[2])) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-        rows.append([*(value for pair in moved for value in pair), runs[0][1]])
-    table = np.array(rows) * ([1e3, math.degrees(1.0)] * 4 + [math.degrees(1.0)])
-    half, most = np.median(table, axis=0).tolist(), np.quantile(table, 0.95, axis=0).tolist()
-    return Gap(name, amplitude, FIELDS, lost, half[0], half[2], half[3], most[2], most[3], *half[4:])
+        moved = np.diff([pose, planar, *(end for end, _, _ in runs)], axis=0)
+        rows.append([*np.hypot(*moved[:, :2].T), *np.abs(moved[:, 2]), runs[0][1]])
+    table = np.array(rows) * ([1e3] * 4 + [math.degrees(1.0)] * 5)
+    median, most = np.median(table, axis=0).tolist(), np.quantile(table, 0.95, axis=0).tolist()
+    travel, gap, step, stiff, _, gap_deg, step_deg, stiff_deg, tilt = median
+    return {
+        "part": name, "amplitude": amplitude, "fields": FIELDS, "lost": lost, "travel_mm": travel, "gap_mm": gap,
+        "gap_deg": gap_deg, "gap_95_mm": most[1], "gap_95_deg": most[5], "step_mm": step, "step_deg": step_deg,
+        "stiff_mm": stiff, "stiff_deg": stiff_deg, "largest_tilt_deg": tilt,
+    }  # fmt: skip
 
 
 STUDIES: dict[str, Callable[[Progress], Rows]] = {

@@ -34,11 +34,11 @@ def test_pareto_by_brute_force(points):
 
 @given(POINTS, st.floats(1e-6, 1e6))
 def test_cheapest_by_brute_force(points, tolerance):
-    found = errors.cheapest([c for c, _ in points], [e for _, e in points], tolerance)
+    cheapest = errors.cheapest([c for c, _ in points], [e for _, e in points], tolerance)
     within = [c for c, e in points if math.isfinite(c) and e <= tolerance]
-    assert (found is None) == (not within)
-    if found is not None:
-        assert points[found][0] == min(within) and points[found][1] <= tolerance
+    assert (cheapest is None) == (not within)
+    if cheapest is not None:
+        assert points[cheapest][0] == min(within) and points[cheapest][1] <= tolerance
 
 
 @given(POINTS, st.floats(1e-6, 1e6))
@@ -78,8 +78,8 @@ def test_strong_error_is_what_the_farthest_point_moves():
         return np.stack([at[:, :1] + 0.03 * np.cos(angle), at[:, 1:2] + 0.03 * np.sin(angle)])
 
     farthest = np.hypot(*(circle(pose) - circle(truth))).max(axis=1)
-    found = errors.strong_errors(pose, truth, 0.03)
-    assert (farthest <= found * (1 + 1e-9)).all() and farthest == pytest.approx(found, rel=1e-3)
+    error = errors.strong_errors(pose, truth, 0.03)
+    assert (farthest <= error * (1 + 1e-9)).all() and farthest == pytest.approx(error, rel=1e-3)
 
 
 def test_strong_error_of_failures_and_discs():
@@ -139,7 +139,7 @@ def test_worlds_that_a_model_does_not_vouch_for_are_counted():
         [1e-3], [0.5],
     )  # fmt: skip
     result = ladder.measure(scene, [model_candidate("averaged", {}), model_candidate("planar", {})], FINEST, rounds=1)
-    assert [row.doubtful for row in result.rows] == [8, 0]
+    assert result.table["doubtful_worlds"].tolist() == [8, 0]
     assert any("doubtful" in kind for _, _, _, kind in page.troubles(result))
 
 
@@ -171,49 +171,51 @@ def result():
 
 
 def row(result, method):
-    return next(each for each in result.rows if each.candidate.method == method)
+    return result.table[result.table["method"] == method].iloc[0]
+
+
+def strong(row):
+    return row[["strong_median_m", "strong_p95_m", "strong_max_m"]].tolist()
 
 
 def test_rows(result):
     shifted = row(result, "shifted")
-    assert shifted.strong == pytest.approx((1e-4, 1e-4, 1e-4), rel=1e-6)
-    assert shifted.worlds == 4 and shifted.cost == pytest.approx(1e3 / 4) and shifted.usable
-    assert shifted.strong_step is None
+    assert strong(shifted) == pytest.approx([1e-4] * 3, rel=1e-6)
+    assert shifted["worlds"] == 4 and shifted["cost_us"] == pytest.approx(1e3 / 4) and shifted["failed_worlds"] == 0
+    assert math.isnan(shifted["strong_step_median_m"])
     planar = row(result, "planar")
-    assert planar.timings == 3 and planar.worlds == 8 and planar.strong_step == planar.strong and 0 < planar.weak < 0.05
+    assert planar["timings"] == 3 and planar["worlds"] == 8 and 0 < planar["weak"] < 0.05
+    assert strong(planar)[:2] == [planar["strong_step_median_m"], planar["strong_step_p95_m"]]
 
 
 def test_model_error_and_step_error_bound_the_whole(result):
     averaged = row(result, "averaged, order 2")
-    model = next(each for each in result.models if each.method == "averaged, order 2")
-    assert averaged.strong_step is not None
-    assert averaged.strong.worst <= model.strong.worst + averaged.strong_step.worst
-    assert model.strong.worst > 1e-5 and averaged.strong_step.worst > 1e-7
+    model = next(entry for entry in result.models if entry.method == "averaged, order 2")
+    assert averaged["strong_p95_m"] <= model.strong.worst + averaged["strong_step_p95_m"]
+    assert model.strong.worst > 1e-5 and averaged["strong_step_p95_m"] > 1e-7
 
 
 def test_failures_are_named_and_off_the_front(result):
-    assert row(result, "falling").failures == {"fell, though it does not": 1}
-    assert row(result, "losing").failures == {"gave up": 2} and row(result, "losing").weak == math.inf
-    assert row(result, "refusing").refused == "scene"
-    for weak in (False, True):
-        names = {each.candidate.method for each in comparisons.front(result, weak)}
-        assert not names & {"falling", "losing", "refusing"}
-    reporting = page.troubles(result)
-    assert ("made up", "falling", "every setting, 1 of 4 worlds", "failed: fell, though it does not") in reporting
-    assert ("made up", "losing", "every setting, 2 of 4 worlds", "failed: gave up") in reporting
-    assert ("made up", "refusing", "every setting", "refused: scene") in reporting
-    assert "refusing" in [method for method, _ in page.absent(result)]
+    assert row(result, "falling")["failures"] == {"fell, though it does not": 1}
+    assert row(result, "losing")["failures"] == {"gave up": 2} and row(result, "losing")["weak"] == math.inf
+    assert row(result, "refusing")["refused"] == "scene"
+    failed = result.table["method"].isin(["falling", "losing", "refusing"])
+    for front in ("front_strong", "front_weak"):
+        assert result.table[front].any() and not result.table[front][failed].any()
+    lines = page.troubles(result)
+    assert ("made up", "falling", "every setting, 1 of 4 worlds", "failed: fell, though it does not") in lines
+    assert ("made up", "losing", "every setting, 2 of 4 worlds", "failed: gave up") in lines
+    assert ("made up", "refusing", "every setting", "refused: scene") in lines
+    assert page.absent(result) == [("refusing", "scene")]
 
 
 def test_choices_and_comparisons(result):
     loose, tight, weak = comparisons.choices(result)
-    assert (
-        loose.row is not None and not loose.row.candidate.peer and loose.by_method["shifted"] is row(result, "shifted")
-    )
+    assert loose.row is not None and not loose.row.peer and loose.by_method["shifted"].cost_us == pytest.approx(250.0)
     assert tight.row is None and set(tight.by_method.values()) == {None}
     assert weak.weak and weak.tolerance == 0.5 and weak.row is not None
-    [found] = comparisons.at_its_errors(result, "planar", "shifted")
-    assert found.error == pytest.approx(1e-4) and found.ratio == pytest.approx(250 / row(result, "planar").cost)
+    [pair] = comparisons.at_its_errors(result, "planar", "shifted")
+    assert pair.error == pytest.approx(1e-4) and pair.ratio == pytest.approx(250 / row(result, "planar")["cost_us"])
     missed = comparisons.at_error(result, "planar", "shifted", 1e-5, weak=False)
     assert missed is not None and missed.ratio is None and "shifted gets to 0.1 mm" in missed.note
     assert comparisons.at_error(result, "planar", "losing", 1.0, weak=False) is None
@@ -226,17 +228,12 @@ def test_choices_and_comparisons(result):
 def test_promises_kept_and_broken_are_told_apart(monkeypatch):
     """With made-up evidence that praises the first-order model: what it says is held against what the model does."""
 
-    def row(model, knobs, error, cost):
-        return {
-            "model": model,
-            "knobs": knobs,
-            "error": error,
-            "error_95": 9 * error,
-            "us_per_period": cost,
-            "us_per_call": 0.0,
-        }
-
-    rows = [row("averaged", {"order": 1}, 1e-3, 0.1), row("planar", {"steps": 24, "substeps": 2}, 1e-4, 5.0)]
+    rows = [
+        {"model": model, "knobs": knobs, "error": error, "error_95": 9 * error, "us_per_period": cost, "us_per_call": 0.0}
+        for model, knobs, error, cost in (
+            ("averaged", {"order": 1}, 1e-3, 0.1), ("planar", {"steps": 24, "substeps": 2}, 1e-4, 5.0)
+        )
+    ]  # fmt: skip
     classes = [{"kind": "many elements", "eps": 0.5, "scale": 0.1, "rows": rows}]
     monkeypatch.setattr(choice, "evidence", lambda: {"classes": classes})
     [scene] = scenes_from([{"name": "any", "worlds": 8, "periods": 30, "drive": {"kind": "random"}}])

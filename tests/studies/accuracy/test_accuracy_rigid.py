@@ -143,9 +143,9 @@ def test_a_tilted_start_touches_with_one_corner():
 def test_a_still_table_takes_energy_only():
     start = touching(BLOCK, STILL, 2.0, 2.0, 0.4, math.radians(5.0), 0.8)
     track = simulate(BLOCK, STILL, start, 0.2, interval=1e-3)
-    found = energy(BLOCK, track)
-    assert np.diff(found).max() < 5e-6 * BLOCK.mass * G  # what the springs give back
-    assert found[-1] == pytest.approx(BLOCK.mass * G * 0.01, rel=1e-4)
+    energies = energy(BLOCK, track)
+    assert np.diff(energies).max() < 5e-6 * BLOCK.mass * G  # what the springs give back
+    assert energies[-1] == pytest.approx(BLOCK.mass * G * 0.01, rel=1e-4)
     assert 0.005 < track.landing < 0.1
 
 
@@ -156,9 +156,9 @@ def test_rocking_block(slenderness):
 
 @pytest.mark.parametrize("name", ["aluminium_block", "steel_block"])
 def test_uniform_transport_is_that_of_the_planar_model(name):
-    found = uniform_gap(shipped_part(name), periods=5)
-    assert found["gap"] < 2e-4
-    assert found["turned_deg"] < 0.02
+    gap = uniform_gap(shipped_part(name), periods=5)
+    assert gap["gap"] < 2e-4
+    assert gap["turned_deg"] < 0.02
 
 
 @pytest.mark.parametrize("height", [1e-4, 0.01])

@@ -1,7 +1,6 @@
 """Generated documentation agrees with the results and the code."""
 
 import csv
-import io
 import json
 import re
 import statistics
@@ -15,10 +14,9 @@ from docutils import nodes
 from docutils.core import publish_doctree
 from PIL import Image
 
-from studies.manual import build, environments, films, open_tasks, performance, published, rest, site, thesis
+from studies.manual import build, films, open_tasks, performance, published, rest, settings, site
 from studies.manual.__main__ import main
 from studies.manual.figures_file import RESULTS, ROOT
-from studies.thesis.figure import Comparison, Figure, Picture, Table
 from studies.thesis.figures import FIGURES
 from tests.commands import refusal
 from vibgym.registration import ENVIRONMENTS
@@ -32,7 +30,7 @@ def cells_of(text):
 
 @pytest.fixture(scope="module")
 def pages():
-    return environments.pages()
+    return build.pages()
 
 
 @pytest.mark.parametrize(("task", "policy"), [("Transport", "random"), ("Align", "open_loop"), ("Rotate", "learned")])
@@ -41,7 +39,7 @@ def test_results_follow_from_the_episodes(task, policy):
         lines = [line for line in csv.DictReader(file) if line["study"] == "report" and line["hardware"] == "ideal"]
     chosen = [line for line in lines if (line["task"], line["policy"]) == (task, policy)]
     times = [float(line["time_to_goal_s"]) for line in chosen if line["time_to_goal_s"]]
-    row = next(cells for cells in cells_of(published.one_part()) if cells[:2] == [task, policy])
+    row = next(cells for cells in cells_of(published.TABLES["one-part"]()) if cells[:2] == [task, policy])
     assert row[2] == f"{100 * sum(line['success'] == '1' for line in chosen) / len(chosen):.1f} %"
     assert row[4] == f"{statistics.median(times):.2f} s"
     assert row[-1] == f"{100 * sum(line['fallen'] == '1' for line in chosen) / len(chosen):.1f} %"
@@ -55,28 +53,20 @@ def test_every_table_has_rows_and_no_missing_values():
     assert published.report().day in published.provenance()
 
 
-def test_missing_results_are_dashes():
+def test_cells_without_a_value():
+    """Missing results are dashes; continuous tasks report good parts instead of success; agents have one line each."""
     rows = {tuple(cells[:2]): cells for cells in cells_of(open_tasks.suite())}
-    assert rows["prototype", "mpc"][3:] == ["–"] * 8
-    assert rows["ideal", "classical"][3] != "–"
-
-
-def test_continuous_tasks_report_good_parts_instead_of_success():
+    assert rows["prototype", "mpc"][3:] == ["–"] * 8 and rows["ideal", "classical"][3] != "–"
     feed, swap = open_tasks.of("Feed"), open_tasks.of("Swap")
     assert "success" not in feed and "good parts per minute" in feed
     assert "success" in swap and "good parts per minute" not in swap and "| task |" not in swap
-
-
-def test_agents_have_one_line_each():
     lines = {cells[0].removesuffix(" (one seed)"): cells for cells in published.agent_lines()}
     assert lines["Feed/ideal"][1] == "–" and lines["Feed/ideal"][5] != "–"
     assert re.fullmatch(r"[\d., ]+ % of \d+", lines["Align/ideal"][1])
-    # The line of an agent that was trained once says so.
     with (RESULTS / "agents.csv").open(newline="") as file:
         seeds = Counter(row["agent"] for row in csv.DictReader(file) if row["agent"].startswith("Swap/"))
     expected = {name + (" (one seed)" if count == 1 else "") for name, count in seeds.items()}
     assert {cells[0] for cells in published.agent_lines("Swap")} == expected
-    assert seeds.keys() == {"Swap/gentle", "Swap/ideal", "Swap/prototype"}
 
 
 def test_every_environment_has_a_page(pages):
@@ -100,15 +90,12 @@ def test_tables_of_a_page_agree_with_the_environment(pages, name):
     assert {cells[0]: float(cells[2]) for cells in rewards} == pytest.approx(env.task.weights)
 
 
-def test_films_are_small_and_move():
+def test_films_are_small_and_move(tmp_path):
     for name in ENVIRONMENTS:
         path = ROOT / "docs" / "films" / f"{name}.webp"
         assert path.stat().st_size < 100_000, name
         with Image.open(path) as film:
             assert film.n_frames >= 5 and film.width <= 480, name
-
-
-def test_films_are_written(tmp_path):
     assert main(["films", "--only", "Rotate", "--output", str(tmp_path), "--quiet"]) == 0
     with Image.open(tmp_path / "Rotate.webp") as film:
         assert film.n_frames > 3 and film.width == films.FEW.width
@@ -119,30 +106,11 @@ def test_films_are_written(tmp_path):
 
 
 def test_the_thesis_page_has_every_figure_and_its_pictures():
-    text = (ROOT / "docs" / "thesis" / thesis.PAGE).read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "thesis" / "figures.md").read_text(encoding="utf-8")
     assert re.findall(r"`python -m studies.thesis --figure (\w+)`", text) == list(FIGURES)
     pictures = re.findall(r"\]\(thesis/([\w-]+\.png)\)", text)
     assert len(pictures) >= len(FIGURES)
     assert {path.name for path in (ROOT / "docs" / "thesis").glob("*.png")} == set(pictures)
-
-
-def test_a_figure_becomes_a_section():
-    file = io.BytesIO()
-    Image.new("RGB", (1800, 600), "white").save(file, format="PNG")
-    figure = Figure(
-        title="Fig. 1: a | b",
-        shows="It shows *this*.",
-        comparisons=(Comparison("speed", "1 m/s", "2 m/s", "+1 m/s"),),
-        differs="Twice.",
-        assumed=("nothing",),
-        pictures=(Picture(file.getvalue(), "A line."),),
-        tables=(Table("More.", ("x",), (("1",),)),),
-    )
-    text = thesis.section("mine", figure, ["mine-1.png"])
-    assert "## Fig. 1: a | b" in text and r"\*this\*" in text and "(thesis/mine-1.png)" in text
-    assert ["speed", "1 m/s", "2 m/s", "+1 m/s"] in cells_of(text)
-    with Image.open(io.BytesIO(thesis.small(file.getvalue()))) as picture:
-        assert picture.size == (900, 300)
 
 
 def test_markdown_in_a_docstring_becomes_rest():
@@ -161,6 +129,15 @@ def test_markdown_in_a_docstring_becomes_rest():
     entries = [entry.astext() for entry in tree.findall(nodes.entry)]
     assert entries == ["term", "meaning", "time", "every x"]
     assert [title.astext() for title in tree.findall(nodes.rubric)] == ["Rewards"]
+
+
+@pytest.mark.parametrize("name", settings.INCLUDED)
+def test_pages_include_the_tables_of_settings(name):
+    text = settings.included()[name]
+    names = [cells[0].strip("`") for cells in cells_of(text)]
+    assert names == list(settings.INCLUDED[name][1]) and ":mod:" not in text
+    pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
+    assert f"{{include}} generated/settings/{name}.md" in pages
 
 
 def test_the_readme_is_updated_between_its_marks(tmp_path, capsys):
@@ -208,14 +185,14 @@ def test_unknown_versions_are_refused_before_anything_is_built(tmp_path):
 
 
 def test_charts_are_inline_graphics_in_the_colour_of_the_page():
-    found = performance.generated()
+    charts = performance.generated()
     for name in ("roofline", *performance.CURVES):
-        chart = found[f"{name}-chart"]
+        chart = charts[f"{name}-chart"]
         graphic = ElementTree.fromstring(chart)[0]
         assert graphic.get("role") == "img" and graphic.get("aria-label") and graphic.get("width") is None
         assert "currentColor" in chart and performance.INK not in chart and "\n" not in chart
-    ids = [each for text in found.values() for each in re.findall(r' id="([^"]+)"', text)]
+    ids = [name for text in charts.values() for name in re.findall(r' id="([^"]+)"', text)]
     assert ids and len(ids) == len(set(ids))  # all are on one page
     stored = json.loads(performance.STORED.read_text(encoding="utf-8"))
     for scene in stored["stages"]:
-        assert f"{sum(scene['stages'].values()):.2f}" in found["stages"]
+        assert f"{sum(scene['stages'].values()):.2f}" in charts["stages"]

@@ -57,7 +57,7 @@ def test_starts_are_those_of_gym_pusht():
     drawn += [generator.integers(100, 400), generator.uniform(-np.pi, np.pi)]
     body = pymunk.Body(1, 1)
     body.center_of_gravity = tuple(CENTRE)
-    body.position = [int(each) for each in drawn[2:4]]
+    body.position = [int(number) for number in drawn[2:4]]
     body.angle = drawn[4]  # which moves the position
     pusher, block = start_of(7)
     assert pusher.tolist() == drawn[:2]
@@ -201,17 +201,17 @@ def test_invalid_arguments_raise_before_anything_moves(call, name):
 
 
 def test_ways_lead_around_the_t():
-    found, shape = ways(), translate(outline((0.0, 0.0, 0.0)), *-CENTRE)
-    assert distance(found.point) == pytest.approx(15.0 + CLEARANCE, abs=0.1)
-    assert [shape.distance(Polygon([p, p, p, p]).centroid) for p in found.point[:3]] == pytest.approx(
+    paths, shape = ways(), translate(outline((0.0, 0.0, 0.0)), *-CENTRE)
+    assert distance(paths.point) == pytest.approx(15.0 + CLEARANCE, abs=0.1)
+    assert [shape.distance(Polygon([p, p, p, p]).centroid) for p in paths.point[:3]] == pytest.approx(
         [27.0] * 3, abs=0.1
     )
-    for start in range(0, len(found.point), 7):
-        for stop in range(0, len(found.point), 5):
+    for start in range(0, len(paths.point), 7):
+        for stop in range(0, len(paths.point), 5):
             way = [stop]
             while way[-1] != start:
-                way.append(int(found.before[start, way[-1]]))
-            points = resampled(found.point[way], 1.0) if len(way) > 1 else found.point[way]
+                way.append(int(paths.before[start, way[-1]]))
+            points = resampled(paths.point[way], 1.0) if len(way) > 1 else paths.point[way]
             assert distance(points).min() > 15.0 + CLEARANCE - 3.0
 
 

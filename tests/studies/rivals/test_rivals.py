@@ -99,16 +99,16 @@ def test_fitted_commands_are_better_than_random_ones(name):
     weight = np.broadcast_to(output.weight, pose.shape).copy()
 
     def error(action):
-        given = output.allocator.effect(pose, present, output.machine.pushes(action))
-        return (weight * (given - wanted) ** 2).sum(axis=(1, 2))
+        effect = output.allocator.effect(pose, present, output.machine.pushes(action))
+        return (weight * (effect - wanted) ** 2).sum(axis=(1, 2))
 
-    found = output.fit(pose, present, wanted, weight)
-    best = error(found)
-    assert (best < error(np.zeros_like(found))).all()
+    command = output.fit(pose, present, wanted, weight)
+    best = error(command)
+    assert (best < error(np.zeros_like(command))).all()
     rng = np.random.default_rng(3)
     for size in (0.01, 0.1, 1.0):
         for _ in range(50):
-            other = np.clip(found + size * rng.normal(size=found.shape), -1.0, 1.0)
+            other = np.clip(command + size * rng.normal(size=command.shape), -1.0, 1.0)
             if name == "plate":  # searched on a lattice and refined
                 other /= np.maximum(np.linalg.norm(other, axis=1), 1.0)[:, None]
                 assert (best <= 1.03 * error(other) + 1e-3).all()
@@ -129,12 +129,12 @@ def test_the_plate_at_its_own_speed_has_the_speed_of_table_1_1():
 
 
 def test_shares_of_the_push_depend_on_degrees_of_freedom():
-    found = {(row["machine"], row["parts"]): row for row in rows(samples=2, counts=(1, 2))}
-    assert found["segmented", 2]["share"] > 0.9
-    assert found["plate", 1]["share"] > 0.99 and 0.1 < found["plate", 2]["share"] < 1.0
-    assert found["plain-plate", 1]["share"] > 0.99 and found["plain-plate", 2]["none"] == 1.0
+    cells = {(row["machine"], row["parts"]): row for row in rows(samples=2, counts=(1, 2))}
+    assert cells["segmented", 2]["share"] > 0.9
+    assert cells["plate", 1]["share"] > 0.99 and 0.1 < cells["plate", 2]["share"] < 1.0
+    assert cells["plain-plate", 1]["share"] > 0.99 and cells["plain-plate", 2]["none"] == 1.0
     # Conveyors give half of a uniform push in a random direction, or more along a diagonal.
-    assert 0.3 < found["conveyor", 1]["share"] < 0.8 and found["one-way", 1]["share"] < found["conveyor", 1]["share"]
+    assert 0.3 < cells["conveyor", 1]["share"] < 0.8 and cells["one-way", 1]["share"] < cells["conveyor", 1]["share"]
 
 
 @pytest.mark.parametrize("name", ["plate", "conveyor", "one-way"])

@@ -101,9 +101,9 @@ def test_schedules_and_trials_of_a_batch_are_independent():
 def test_a_file_gives_back_what_was_saved_and_others_are_refused(tmp_path):
     path = tmp_path / "blind.json"
     save_schedule(path, schedule(), SURFACE, {"seed": 3})
-    found, record = read_schedule(path)
-    assert (found.fields == schedule().fields).all() and (found.seconds == schedule().seconds).all()
-    assert (found.goal == GOAL).all() and found.friction == 0.58 and record["training"] == {"seed": 3}
+    stored, record = read_schedule(path)
+    assert (stored.fields == schedule().fields).all() and (stored.seconds == schedule().seconds).all()
+    assert (stored.goal == GOAL).all() and stored.friction == 0.58 and record["training"] == {"seed": 3}
     with pytest.raises(ValueError, match="policy 'schedule'"):
         load_schedule(path, info_of("Sort"))
     for change, message in (({"friction": "high"}, "blind.json: friction"), ({"fields": None}, "blind.json: fields")):
@@ -153,12 +153,12 @@ def test_starts_are_entirely_on_the_table():
 @pytest.mark.parametrize("family", FAMILIES)
 def test_encoding_and_decoding_give_the_same_schedule(family):
     """Fields are the same at all times; the longest segment is halved."""
-    given = shifted(schedule_of(family, GOAL, 2.4, 0.58, 0.2, 0.05, 0.5), np.array([0.003, -0.002]))
-    found = decoded(encoded(given, 3, 2.4), GOAL, 2.4, 0.58, 0.04)
-    assert found.total == pytest.approx(2.4) and len(found.seconds) == 3
+    moved = shifted(schedule_of(family, GOAL, 2.4, 0.58, 0.2, 0.05, 0.5), np.array([0.003, -0.002]))
+    restored = decoded(encoded(moved, 3, 2.4), GOAL, 2.4, 0.58, 0.04)
+    assert restored.total == pytest.approx(2.4) and len(restored.seconds) == 3
     for time in np.arange(0.02, 2.4, 0.04):
-        mine, theirs = (np.searchsorted(np.cumsum(each.seconds), time) for each in (given, found))
-        assert found.fields[theirs] == pytest.approx(given.fields[mine])
+        mine, theirs = (np.searchsorted(np.cumsum(one.seconds), time) for one in (moved, restored))
+        assert restored.fields[theirs] == pytest.approx(moved.fields[mine])
 
 
 def test_segments_end_with_steps_and_within_the_time():
@@ -180,13 +180,13 @@ def test_two_squeezes_move_all_starts_to_one_pose():
 
 def test_a_search_improves_and_repeats():
     first = both()
-    found = search(ALUMINIUM, SURFACE, QUICK, "ideal", first, 3, quiet=True)
+    result = search(ALUMINIUM, SURFACE, QUICK, "ideal", first, 3, quiet=True)
     again = search(ALUMINIUM, SURFACE, QUICK, "ideal", first, 3, quiet=True)
     other = search(ALUMINIUM, SURFACE, QUICK, "ideal", first, 4, quiet=True)
-    assert (found.schedule.fields == again.schedule.fields).all() and (found.history == again.history).all()
-    assert (found.schedule.fields != other.schedule.fields).any()
+    assert (result.schedule.fields == again.schedule.fields).all() and (result.history == again.history).all()
+    assert (result.schedule.fields != other.schedule.fields).any()
     fresh = draw_trials(ALUMINIUM, SURFACE, "ideal", (0.9, 1.1), 40, (9, 9))
-    before, after = costs([first, found.schedule], fresh, ALUMINIUM, SURFACE, QUICK, "ideal")
+    before, after = costs([first, result.schedule], fresh, ALUMINIUM, SURFACE, QUICK, "ideal")
     assert after < before - 0.3
 
 

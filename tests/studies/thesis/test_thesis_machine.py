@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from studies.accuracy.friction_experiment import sliding_circles, sweep
 from studies.thesis import machine_fit
 from studies.thesis.machine import Machine, predictions, steps, top_speed
 from studies.thesis.machine_fit import QUICK, SHARED, STRIBECK, evaluate, fit, placed, point_of
@@ -18,17 +17,6 @@ def test_residuals_are_distances_to_the_measured_range():
     between = ThesisMeasurement("steps", "a range", 10.0, 20.0, 2.0, "mm", "", "")
     assert [between.residual(value) for value in (8.0, 10.0, 15.0, 26.0)] == [-1.0, 0.0, 0.0, 3.0]
     assert ThesisMeasurement("steps", "a bound", -np.inf, 5.0, 1.0, "mm", "", "").residual(-100.0) == 0.0
-
-
-@pytest.mark.parametrize("law", [None, {"rise": 0.5, "speed": 0.3}, {"rise": 1.0, "speed": 0.1}])
-def test_circles_of_sliding_parts_are_those_of_the_simulator(law):
-    part = (Machine() if law is None else Machine(**law)).part
-    frequencies = np.array([5.0, 8.5, 9.0, 10.0])
-    circles = sliding_circles(frequencies, part)
-    assert circles.radius == pytest.approx(sweep(part, frequencies, direction="down"), rel=2e-3)
-    # Friction that falls within the slip of the experiment keeps a part sliding at frequencies at which it would stick.
-    down, up = circles.window
-    assert down <= up and (up - down > 0.1) == (law is not None and law["speed"] < 0.2)
 
 
 def test_no_constant_coefficient_reaches_the_top_speed():
@@ -49,12 +37,6 @@ def test_the_nominal_machine_reproduces_all_but_top_speed_and_steps():
     assert set(predictions(Machine(), ("steps",))) == {k for k, v in MEASUREMENTS.items() if v.experiment == "steps"}
 
 
-def test_points_of_the_box():
-    names = ("friction", "gain", "top_frequency")
-    point = np.array([1.2, 1.7, 1.4])
-    assert point_of(placed(Machine(), names, point), names) == pytest.approx(point)
-
-
 def test_fits_recover_the_parameters_of_synthetic_measurements(monkeypatch):
     """Also the constant fit to a machine with falling friction fails, at the top speed."""
     measured = predictions(WEAK, QUICK)
@@ -64,10 +46,12 @@ def test_fits_recover_the_parameters_of_synthetic_measurements(monkeypatch):
     monkeypatch.setattr("studies.thesis.machine.MEASUREMENTS", {**MEASUREMENTS, **synthetic})
     start = Machine(rise=0.5, speed=0.35, gain=0.9, reach=None)
     names = ("friction", "gain", "rise", "speed")
-    found = fit(start, names, QUICK, evaluations=40)
-    assert found.largest < 0.05
+    point = np.array([1.2, 1.7, 1.4, 1.1])
+    assert point_of(placed(start, names, point), names) == pytest.approx(point)
+    fitted = fit(start, names, QUICK, evaluations=40)
+    assert fitted.largest < 0.05
     for name in names:
-        assert getattr(found.machine, name) == pytest.approx(getattr(WEAK, name), rel=0.02)
+        assert getattr(fitted.machine, name) == pytest.approx(getattr(WEAK, name), rel=0.02)
     constant = fit(Machine(reach=None), SHARED, QUICK)
     assert constant.worst == "top" and constant.largest > 2.0
 
@@ -80,9 +64,9 @@ def test_fits_of_steps_recover_set_position_and_limit(monkeypatch):
     true = Machine(form="soft", step=0.29, limit=0.26e-3)
     synthetic = {name: replace_bounds(MEASUREMENTS[name], value) for name, value in steps(true).items()}
     monkeypatch.setattr("studies.thesis.machine.MEASUREMENTS", {**MEASUREMENTS, **synthetic})
-    found = fit(replace(true, step=0.3, limit=0.25e-3), ("step", "limit"), ("steps",), evaluations=6)
-    assert found.machine.step == pytest.approx(true.step, rel=5e-3)
-    assert found.machine.limit == pytest.approx(true.limit, rel=2e-2)
+    fitted = fit(replace(true, step=0.3, limit=0.25e-3), ("step", "limit"), ("steps",), evaluations=6)
+    assert fitted.machine.step == pytest.approx(true.step, rel=5e-3)
+    assert fitted.machine.limit == pytest.approx(true.limit, rel=2e-2)
 
 
 def test_the_command_prints_all_tables(tmp_path, monkeypatch, capsys):
