@@ -83,7 +83,7 @@ def simulate(
     shape = (len(pose), surface.rows, surface.columns)
     amplitude, phase = np.broadcast_to(amplitude, shape), np.broadcast_to(phase, shape)
     turns = part.symmetry != 0
-    x, y, weight = strew(part.outline, points) if turns else strew_disc(part.radius, points)
+    x, y, weight = strew(part.outline, points) if turns else strew_disc(math.sqrt(part.area / math.pi), points)
     acceleration = amplitude * surface.angular_frequency**2
     angle = np.arange(2 * steps + 1) * (math.pi / steps)
     state = np.concatenate([pose, velocity], axis=1, dtype=float)
