@@ -16,10 +16,11 @@ PURPOSES = (
 
 
 def test_ranges_are_disjoint_and_complete():
-    ordered = sorted(RANGES.values(), key=lambda each: each.start)
+    ordered = sorted(RANGES.values(), key=lambda seeds: seeds.start)
     assert ordered[0].start == 0 and ordered[-1].stop == 2**63
     assert all(first.stop == second.start for first, second in itertools.pairwise(ordered))
-    assert {range_of(each.start) for each in ordered} == {range_of(each.stop - 1) for each in ordered} == set(RANGES)
+    for ends in zip(*((seeds.start, seeds.stop - 1) for seeds in ordered), strict=True):
+        assert {range_of(seed) for seed in ends} == set(RANGES)
 
 
 def test_streams_of_runs_and_purposes_share_no_seed():
