@@ -84,19 +84,6 @@ def test_a_missing_extra_is_reported_in_one_line(tmp_path):
     assert errors[0].traceback == [line] and errors[0].evalue == line
 
 
-@pytest.mark.parametrize("urls, link", [
-    ("Repository = 'https://github.com/a/b.git'", "https://colab.research.google.com/github/a/b/blob/main/"),
-    ("Repository = 'https://example.org/a/b'", None),
-])  # fmt: skip
-def test_links_to_colab_follow_the_address_of_the_repository(tmp_path, urls, link):
-    pyproject = tmp_path / "pyproject.toml"
-    pyproject.write_text(f"[project]\nname = 'vibgym'\n[project.urls]\n{urls}\n")
-    linked = notebooks.linked(read("first_steps"), "first_steps", pyproject)
-    first = linked.cells[0].source.split("\n")[0]
-    assert first == ("# First steps" if link is None else f"[Open in Colab]({link}notebooks/first_steps.ipynb)")
-    assert notebooks.linked(linked, "first_steps", pyproject) == linked
-
-
 @pytest.mark.parametrize("name", SMALL)
 def test_notebooks_install_the_package_where_it_is_missing(name, monkeypatch):
     code = TransformerManager().transform_cell(code_cells(read(name))[0].source.partition("\n\nfrom vibgym")[0])

@@ -38,23 +38,6 @@ def test_versions_citation_and_supported_pythons_agree():
     assert PROJECT["requires-python"] == f">={minors[0]},<3.{int(minors[-1].split('.')[1]) + 1}"
 
 
-def test_missing_interpreters_are_reported_as_not_tested(tmp_path, monkeypatch):
-    running = f"{sys.version_info[0]}.{sys.version_info[1]}"
-    assert installation.interpreter(running) and installation.interpreter("2.1") is None
-    rows = []
-    monkeypatch.setattr(installation, "interpreter", lambda minor: None)
-    installation.install("3.12", tmp_path / "vibgym-1-py3-none-any.whl", "1", "play", tmp_path, rows.append)
-    assert rows == [results.Row("installation", "Python 3.12, wheel", "not tested: this Python is not installed")]
-
-
-def test_every_example_is_run_or_requires_another_extra():
-    names = {path.stem for path in (ROOT / "examples").glob("*.py")}
-    assert names == installation.EXAMPLES.keys() | installation.FROM_CHECKOUT
-    able, others = installation.examples_of("play")
-    assert others == ["own_reward_sac", "train_ppo"]
-    assert installation.examples_of("play,learn") == ([*able, *others], [])
-
-
 def test_missing_and_unexpected_files_of_a_distribution_fail(tmp_path):
     sdist = tmp_path / "vibgym.tar.gz"
     with tarfile.open(sdist, "w:gz") as packed:
