@@ -231,16 +231,8 @@ def test_a_line_transports_parts_up_to_their_speed_at_full_strength(steps):
 LINE = {"x": 0.1, "y": 0.1, "angle": 0.0, "velocity": (0.1, 0.0)}
 
 
-@pytest.mark.parametrize("name, make", [
-    ("direction", lambda: uniform(math.nan)),
-    ("strength", lambda: uniform(0.0, math.inf)),
-    ("y", lambda: radial(0.1, None)),
-    ("reach", lambda: radial(0.1, 0.1, 1.0, 0.0)),
-    ("angle", lambda: squeeze(0.1, 0.1, math.inf)),
-    ("radius", lambda: uniform(0.0).around(0.1, 0.1, 0.0)),
-    ("y", lambda: uniform(0.0).around(0.1, "middle", 0.1)),
+@pytest.mark.parametrize("name, make", [  # constructors of fields: see tests/fuzz/test_calls.py
     ("strength", lambda: uniform(0.0) * "two"),
-    ("friction", lambda: uniform(0.0).phasors(SURFACE, friction=-0.1)),
     ("velocity", lambda: MovingSqueeze(**LINE | {"velocity": 0.1})),
     ("velocity[1]", lambda: MovingSqueeze(**LINE | {"velocity": (0.1, math.nan)})),
     ("pitch", lambda: MovingSqueeze(**LINE, pitch=0.0)),

@@ -138,12 +138,13 @@ def test_recorded_episodes_are_those_of_the_same_files_and_classes(monkeypatch, 
     assert rank(*arguments) == rank(*arguments) == 0 and len(played) == 2
     found = load_entries(Path("entries"), SuiteSettings.load(Path("suite.yaml")))["trained"]
     assert found.training_steps == STEPS  # as its file states
-    for number, path in enumerate(
-        (folder / "align.json", folder / "notes", folder / "notes", Path("entered_module.py"))
-    ):
+    for number, path in enumerate((folder / "align.json", folder / "notes", folder / "notes")):
         path.write_text(path.read_text() + "\n" if path.exists() else "x")
         assert rank(*arguments) == 0 and len(played) == 3 + number
-    assert [place[-1] for place in played[2:]] == ["trained"] * 3 + ["class"]
+    assert [place[-1] for place in played[2:]] == ["trained"] * 3
+    module = Path("entered_module.py")  # any policy may use it
+    module.write_text(module.read_text() + "x = 1\n")
+    assert rank(*arguments) == 0 and len(played) == 7
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"task": "Align"}', "seed,success\n300000,0\n300001,0\n"])
@@ -184,11 +185,10 @@ print("| ideal | mine | 1.000 |")
     ("time.sleep(600)", "no answer within"),
     ("return action[:1], state", "2 x "),
     ("return action * float('nan'), state", "NaN"),
-    ("return 'nothing', state", "ValueError"),
     ("return [0.0] * 10**6, state", "too much"),
 ])  # fmt: skip
 def test_code_that_fails_scores_0(body, message, capsys, monkeypatch):
-    Path("suite.yaml").write_text(yaml.safe_dump(ALIGN))
+    Path("suite.yaml").write_text(yaml.safe_dump({**SUITE, "tasks": ["Transport"]}))
     if "sleep" in body:
         monkeypatch.setattr(entry_process, "ANSWER_SECONDS", 40.0)
     entry("mine", "mine", {"policy.py": FAULTY.format(body)}, module="policy")

@@ -70,29 +70,22 @@ def test_films_of_pages_are_small_and_true_to_time(found, several, played, playe
         assert len(filmed(short, scenery, films.FILE)[3]) == frames
 
 
-def test_films_show_zones(several, played_several):
-    """A zone tints its end of the table: pictures differ from Singulate's at the left and at the right, not between."""
+def test_films_show_zones_captions_and_parts_that_tilt(several, played_several, filmed):
+    """A zone tints its end of the table; a view from the side is under every frame, while those of the plane are the same."""
     film = played_several["Sort", "ideal", "local_field"].film
     assert re.match(r"0\.00 s   \d of 6 parts done ", film.captions[0]) and len(film.captions) == len(film.poses)
     pictures = []
     for place in (("Sort", "ideal", "zero"), ("Singulate", "ideal", "zero")):
-        own, scenery = played_several[place].film, scenery_at(several, place)
-        empty = dataclasses.replace(own, present=np.zeros_like(own.present))
+        film, scenery = played_several[place].film, scenery_at(several, place)
+        empty = dataclasses.replace(film, present=np.zeros_like(film.present))
         pictures.append(films.picture(empty, scenery, 0, films.painter_for(scenery, 520)))
     columns = (pictures[0][:140] != pictures[1][:140]).any(axis=(0, 2))
     assert columns[40:80].all() and columns[-80:-40].all() and not columns[200:-200].any()
-
-
-def test_films_of_parts_that_may_tilt_show_them_from_the_side(filmed):
-    """Under every frame, while those of the plane stay the same."""
     frames = {}
     for model in ("planar", "tilting"):
         env = single("Align", model=model)
-        policy = make_policy("pose", TaskInfo.of(env))
-        film = rollout(policy, "Align", seeds=[1], keep=films.Log, model=model).film
-        painted, _, _, pictures, _ = filmed(film, scenery_of(env.unwrapped))
-        frames[model] = painted
-        assert pictures.shape == painted.shape
+        film = rollout(make_policy("pose", TaskInfo.of(env)), "Align", seeds=[1], keep=films.Log, model=model).film
+        frames[model] = filmed(film, scenery_of(env.unwrapped))[0]
     flat, tall = frames["planar"], frames["tilting"]
     assert tall.shape[1:] == (flat.shape[1] + HEIGHT, *flat.shape[2:])
     assert (tall[0, : flat.shape[1]] == flat[0]).all()

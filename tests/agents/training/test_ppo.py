@@ -85,16 +85,6 @@ def test_advantages_are_those_of_a_plain_loop():
         assert rollout.advantage[step, world, part] == pytest.approx(total, abs=1e-5)
 
 
-def test_a_reward_is_credited_to_its_part():
-    reward, done = case()
-    before, _ = filled(reward, done)
-    reward[4, 1, 0] += 1.0
-    change = filled(reward, done)[0].advantage - before.advantage
-    expected = np.zeros_like(change)
-    expected[:5, 1, 0] = (GAMMA * LAMBDA) ** np.arange(4, -1, -1)
-    assert change == pytest.approx(expected, abs=1e-5)
-
-
 def test_driven_parts_receive_the_rewards_of_others():
     reward, done = case()
     driven, _ = filled(reward, done, driven=(True, False))
