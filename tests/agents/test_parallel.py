@@ -7,7 +7,6 @@ import sys
 import time
 
 import pytest
-import torch
 
 from agents import parallel
 from vibgym import checks
@@ -39,6 +38,8 @@ def wait_in(directory):
 
 
 def thread_limits():
+    import torch  # not above: the workers of the other tests start without it
+
     return os.environ["OMP_NUM_THREADS"], torch.get_num_threads(), threads.available_threads()
 
 
