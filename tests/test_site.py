@@ -123,7 +123,9 @@ def test_pages_of_a_version_lead_to_the_others(tmp_path, browser):
     subprocess.run([*command, str(tmp_path / "pages"), str(tmp_path / "site" / "main")], cwd=ROOT, check=True)
     for name in ("0.10.0", "0.9.0"):
         index = shutil.copytree(tmp_path / "site" / "main", tmp_path / "site" / name) / "index.html"
-        index.write_text(index.read_text(encoding="utf-8").replace('"main"', f'"{name}"'), encoding="utf-8")
+        text = index.read_text(encoding="utf-8")
+        assert text.count('data-version="main"') == 1
+        index.write_text(text.replace('data-version="main"', f'data-version="{name}"'), encoding="utf-8")
     first = write_list(tmp_path / "site")
     page = browser.new_page()
     messages = watch(page)
