@@ -1,5 +1,6 @@
-"""Helpers for tests of commands: one-line errors, settings files, a full disk."""
+"""Helpers for tests of commands: one-line errors, settings files, tables, a full disk."""
 
+import csv
 import errno
 import os
 
@@ -26,6 +27,12 @@ def saved(directory, content, **changes):
     content = {**content, "output": str(directory / "out"), **changes}
     path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
     return path
+
+
+def rows_of(path):
+    """Return the rows of a CSV file."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def file_at(path):

@@ -6,10 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from filelock import FileLock
 from hypothesis import settings
 
+from vibgym.envs import VibgymVectorEnv
+from vibgym.envs.vector import seeds_from
 from vibgym.kernels import jit
 from vibgym.kernels.cache import announce
 
@@ -50,3 +53,21 @@ def interruptible():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def resets(monkeypatch):
+    """Record all seeded resets of batches: number of worlds, seeds, and a digest of each start."""
+    records, reset = [], VibgymVectorEnv.reset
+
+    def recorded(self, *, seed=None, options=None):
+        observation, info = reset(self, seed=seed, options=options)
+        seeds = [seed for seed in seeds_from(seed, self.num_envs) if seed is not None]
+        values = observation.values() if isinstance(observation, dict) else [observation]
+        rows = np.concatenate([np.reshape(value, (self.num_envs, -1)) for value in values], axis=1)
+        if seeds:
+            records.append((self.num_envs, seeds, [row.tobytes() for row in rows]))
+        return observation, info
+
+    monkeypatch.setattr(VibgymVectorEnv, "reset", recorded)
+    return records

@@ -1,5 +1,6 @@
 """Code blocks of the documentation run; links and commands of the README exist."""
 
+import ast
 import importlib.util
 import re
 import subprocess
@@ -49,16 +50,11 @@ def test_the_readme_is_short_and_its_table_is_current():
     assert updated_readme(text) == text
 
 
-def test_links_of_the_readme_exist():
-    targets = re.findall(r"\]\(([^)#]+)", (ROOT / "README.md").read_text(encoding="utf-8"))
-    assert targets
-    missing = [target for target in targets if "://" not in target and not (ROOT / target).exists()]
-    assert not missing
-
-
-def test_commands_of_the_readme_exist():
+def test_links_and_commands_of_the_readme_exist():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert all((ROOT / path).exists() for path in re.findall(r"examples/\w+\.py", text))
+    links = [target for target in re.findall(r"\]\(([^)#]+)", text) if "://" not in target]
+    files = [*links, *re.findall(r"examples/\w+\.py", text)]
+    assert files and not [file for file in files if not (ROOT / file).exists()]
     targets = set(re.findall(r"(?:^|`)make ([\w-]+)", text, re.M))
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert targets >= {"demo", "test"} and all(re.search(rf"^{target}:", makefile, re.M) for target in targets)
@@ -76,3 +72,45 @@ def test_quoted_files_and_modules_exist(page):
     modules = set(re.findall(r"python -m ((?:vibgym|agents|studies)(?:\.[a-z_]+)*)", text))
     missing += [module for module in modules if importlib.util.find_spec(module) is None]
     assert not missing
+
+
+# -- terms -------------------------------------------------------------------------------------------------------------
+
+OLD_WORDS = (
+    "hand_over", "knows?", "lessons?", "lest", "noughts?", "nobody", "obeys?", "of one's own", "pupils?", "safe_step", "said",
+    "sitting", "speaks?", "strayed", "take_along", "those who", "told", "what there is to", "whatever", "whoever", "wild",
+    "wish(?:es|ed)?",
+)  # fmt: skip
+"""Words for which the documentation has plainer ones, as regular expressions."""
+
+
+def docstrings(path):
+    """Yield the docstrings of a module, its classes, functions and attributes."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            yield node.value.value
+
+
+@pytest.fixture(scope="module")
+def texts():
+    """Return the text of pages and modules by path, without code."""
+    pages = [path for path in PAGES_WITH_FILES if path.parent not in GENERATED]
+    texts = {path: re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.M | re.S) for path in pages}
+    for package in ("vibgym", "agents"):
+        texts |= {path: "\n".join(docstrings(path)) for path in (ROOT / package).rglob("*.py")}
+    return {path: re.sub(r"`+[^`]*`+", "", text) for path, text in texts.items()}
+
+
+def test_the_glossary_has_the_terms_of_pages_and_docstrings(texts):
+    glossary = DOCS / "glossary.md"
+    rows = re.findall(r"^\| ([^|]+) \| [^|]+ \|$", glossary.read_text(encoding="utf-8"), re.M)
+    terms = [term for row in rows if row != "term" for term in row.split(", ")]
+    assert len(terms) > 60 and len(set(terms)) == len(terms)
+    text = "\n".join(text for path, text in texts.items() if path != glossary).lower()
+    plurals = {term: r"\b" + re.sub(r"(\w)\b", r"\1s?", term) for term in terms}
+    assert not [term for term, pattern in plurals.items() if not re.search(rf"{pattern}\b", text)]
+
+
+def test_pages_and_docstrings_are_free_of_old_words(texts):
+    old = re.compile(rf"\b(?:{'|'.join(OLD_WORDS)})\b", re.I)
+    assert not [f"{path.relative_to(ROOT)}: {word}" for path, text in texts.items() for word in old.findall(text)]

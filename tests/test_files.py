@@ -99,66 +99,59 @@ def test_a_killed_run_leaves_old_files_and_temporary_ones_that_are_removed_after
     assert {each.name: each.read_text() for each in tmp_path.iterdir()} == expected
 
 
-def in_place(path: Path) -> Path:
-    path.write_text("")
-    return path
-
-
-BAD_DIRECTORIES: dict[str, tuple[Callable[[Path], Path], str]] = {
-    "a file": (lambda path: in_place(path / "file"), "File exists"),
-    "below a file": (lambda path: in_place(path / "file") / "below" / "it", "Not a directory"),
-    "overlong name": (lambda path: path / ("x" * 300), "File name too long"),
-    "overlong path": (lambda path: path / "/".join(["x" * 200] * 30), "File name too long"),
-    "nearly overlong path": (lambda path: Path(os.path.relpath(path)) / long(path), "File name too long"),
-    "NUL": (lambda path: path / "a\0b", "null"),
-    "no text": (lambda path: path / "a\ud800b", "surrogates"),
-}
-if sys.platform == "linux":
-    BAD_DIRECTORIES |= {
-        "of the system": (lambda path: Path("/proc/self/vibgym"), "No such file"),
-        "no place for files": (lambda path: Path("/proc/self"), "No such file"),
-    }
+def file_in(path: Path) -> Path:
+    (path / "file").write_text("")
+    return path / "file"
 
 
 def long(path: Path) -> Path:
     """Return a directory with nearly the longest possible path."""
     room = 4095 - 60 - len(os.path.relpath(path))
-    return Path(*(["y" * 199] * (room // 200)), "y" * max(room % 200 - 1, 1))
+    return Path(os.path.relpath(path), *(["y" * 199] * (room // 200)), "y" * max(room % 200 - 1, 1))
+
+
+BAD_DIRECTORIES: dict[str, Callable[[Path], Path]] = {
+    "a file": file_in,
+    "below a file": lambda path: file_in(path) / "below" / "it",
+    "overlong name": lambda path: path / ("x" * 300),
+    "overlong path": lambda path: path / "/".join(["x" * 200] * 30),
+    "nearly overlong path": long,
+    "NUL": lambda path: path / "a\0b",
+    "no text": lambda path: path / "a\ud800b",
+}
+if sys.platform == "linux":
+    BAD_DIRECTORIES |= {
+        "of the system": lambda path: Path("/proc/self/vibgym"),
+        "no place for files": lambda path: Path("/proc/self"),
+    }
 
 
 @posix
 @pytest.mark.parametrize("case", BAD_DIRECTORIES)
 def test_bad_directories_are_refused_in_one_line(tmp_path, case):
-    make, words = BAD_DIRECTORIES[case]
-    with pytest.raises(ValueError, match="output") as caught:
-        output_directory(make(tmp_path))
-    assert "\n" not in str(caught.value) and len(str(caught.value)) < 300
+    directory = BAD_DIRECTORIES[case](tmp_path)
+    for refuse, name in (
+        (lambda: output_directory(directory), "output"),
+        (lambda: output_files([directory / "a.gif"], "--gif"), "--gif"),
+    ):
+        with pytest.raises(ValueError, match=name) as error:
+            refuse()
+        assert "\n" not in str(error.value) and len(str(error.value)) < 300
 
 
 @posix
-@pytest.mark.parametrize("case", [*BAD_DIRECTORIES, "a directory", "a device", "an overlong file"])
-def test_bad_places_of_files_are_refused_in_one_line(tmp_path, case):
-    own = {"a directory": tmp_path, "a device": Path("/dev/null"), "an overlong file": tmp_path / ("x" * 300)}
-    path = own[case] if case in own else BAD_DIRECTORIES[case][0](tmp_path) / "a.gif"
-    with pytest.raises(ValueError, match="--gif") as caught:
-        output_files([path], "--gif")
-    assert "\n" not in str(caught.value) and len(str(caught.value)) < 300
-
-
-def test_good_places_stay_as_they_are(tmp_path):
+def test_bad_paths_of_files_are_refused_and_good_ones_unchanged(tmp_path):
+    for bad in (tmp_path, Path("/dev/null"), tmp_path / ("x" * 300)):
+        with pytest.raises(ValueError, match="--gif"):
+            output_files([bad], "--gif")
     (tmp_path / "a.gif").write_text("old")
     output_files([tmp_path / "a.gif", tmp_path / "new" / "b.gif"], "--gif")
     assert (tmp_path / "a.gif").read_text() == "old" and os.listdir(tmp_path / "new") == []
 
 
-@pytest.mark.parametrize("text", ["=1+1", "+cmd", "-2 fast", "@SUM(A1)", "\t=1", "\r=1", '=HYPERLINK("x")'])
-def test_csv_text_is_not_a_formula(text):
-    (row,) = csv.DictReader(io.StringIO(csv_text([{"policy": text, "score": -1.5}]), newline=""))
-    assert row == {"policy": f"'{text}", "score": "-1.5"}
-
-
-def test_numbers_stay_numbers_and_harmless_text_stays(tmp_path):
-    rows = [
-        {"a": -1, "b": np.float64(-2e-9), "c": math.nan, "d": None, "e": True, "f": "a-b = c", "g": -math.inf, "h": ""}
-    ]
-    assert csv_text(rows).splitlines() == ["a,b,c,d,e,f,g,h", "-1,-2e-09,,,True,a-b = c,,"]
+def test_csv_text_is_not_a_formula_and_numbers_stay_numbers():
+    for text in ("=1+1", "+cmd", "-2 fast", "@SUM(A1)", "\t=1", "\r=1", '=HYPERLINK("x")'):
+        (row,) = csv.DictReader(io.StringIO(csv_text([{"policy": text, "score": -1.5}]), newline=""))
+        assert row == {"policy": f"'{text}", "score": "-1.5"}
+    row = {"a": -1, "b": np.float64(-2e-9), "c": math.nan, "d": None, "e": True, "f": "a-b = c", "g": -math.inf}
+    assert csv_text([row]).splitlines() == ["a,b,c,d,e,f,g", "-1,-2e-09,,,True,a-b = c,"]

@@ -1,6 +1,5 @@
 """Notebooks run at small size; their stored outputs come from the same source at full size."""
 
-import base64
 import json
 import re
 import tomllib
@@ -31,29 +30,32 @@ def read(name):
     return nbformat.read(notebooks.FOLDER / f"{name}.ipynb", as_version=4)
 
 
+def code_cells(notebook):
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
 def shown(notebook):
     """Return the printed text and the types of pictures."""
-    outputs = [each for cell in notebook.cells if cell.cell_type == "code" for each in cell.outputs]
-    printed = "".join(each.text for each in outputs if each.get("name") == "stdout")
-    pictures = [kind for each in outputs for kind in each.get("data", {}) if kind in ("image/png", "image/gif")]
-    return printed, pictures
+    outputs = [output for cell in code_cells(notebook) for output in cell.outputs]
+    printed = "".join(output.text for output in outputs if output.get("name") == "stdout")
+    pictures = ("image/png", "image/gif")
+    return printed, [kind for output in outputs for kind in output.get("data", {}) if kind in pictures]
 
 
 @pytest.mark.parametrize("name", SMALL)
 def test_notebooks_run_at_small_size_with_the_stored_kinds_of_output(name):
-    kept = read(name)
-    found = notebooks.tidied(notebooks.executed(kept, **SMALL[name]))
-    printed, pictures = shown(found)
-    assert PRINTED[name] in printed and PRINTED[name] in shown(kept)[0]
-    assert pictures and pictures == shown(kept)[1]
+    stored = read(name)
+    new = notebooks.tidied(notebooks.executed(stored, **SMALL[name]))
+    printed, pictures = shown(new)
+    assert PRINTED[name] in printed and PRINTED[name] in shown(stored)[0]
+    assert pictures and pictures == shown(stored)[1]
     # The stored notebook was executed in one session, from this source, without an error.
-    assert [cell.source for cell in found.cells] == [cell.source for cell in kept.cells]
-    counts = [cell.execution_count for cell in kept.cells if cell.cell_type == "code"]
-    assert counts == list(range(1, len(counts) + 1))
-    assert not any(each.output_type == "error" for cell in kept.cells for each in cell.get("outputs", ()))
+    assert [cell.source for cell in new.cells] == [cell.source for cell in stored.cells]
+    assert [cell.execution_count for cell in code_cells(stored)] == list(range(1, len(code_cells(stored)) + 1))
+    assert not any(output.output_type == "error" for cell in code_cells(stored) for output in cell.outputs)
 
 
-def test_stored_notebooks_are_small_valid_and_free_of_local_paths():
+def test_stored_notebooks_are_small_valid_linked_and_free_of_local_paths():
     assert notebooks.names() == list(SMALL)
     for name in SMALL:
         text = (notebooks.FOLDER / f"{name}.ipynb").read_text(encoding="utf-8")
@@ -61,99 +63,58 @@ def test_stored_notebooks_are_small_valid_and_free_of_local_paths():
         assert not any(path in text for path in (str(notebooks.ROOT), "/home/", "/root/", "/tmp/", "site-packages"))
         notebook = read(name)
         nbformat.validate(notebook)
-        assert notebook == notebooks.tidied(notebook)
-        for cell in notebook.cells:
-            for each in cell.get("outputs", ()):
-                if "image/gif" in each.get("data", {}):
-                    assert base64.b64decode(each.data["image/gif"]).startswith(b"GIF89a")
+        assert notebook == notebooks.tidied(notebook) == notebooks.linked(notebook, name)
 
 
 def test_the_stored_training_learns():
-    before, after = (
-        line for line in shown(read("train_in_seconds"))[0].splitlines() if line[:6] in ("before", "after ")
-    )
-    success = [float(line.split("success")[1].split("%")[0]) for line in (before, after)]
-    assert success[0] < 20.0 and success[1] >= 95.0
+    lines = [line for line in shown(read("train_in_seconds"))[0].splitlines() if line[:6] in ("before", "after ")]
+    before, after = (float(line.split("success")[1].split("%")[0]) for line in lines)
+    assert before < 20.0 and after >= 95.0
 
 
-@pytest.mark.parametrize("name, package, extra", [
-    ("first_steps", "matplotlib", "notebooks"),
-    ("train_in_seconds", "stable_baselines3", "learn"),
-    ("speed_against_error", "matplotlib", "notebooks"),
-])  # fmt: skip
-def test_notebooks_report_a_missing_extra_in_one_line(name, package, extra, tmp_path):
-    kept = read(name)
-    kept.cells = kept.cells[
-        : next(k for k, cell in enumerate(kept.cells) if "parameters" in cell.metadata.get("tags", ())) + 1
-    ]
+def test_a_missing_extra_is_reported_in_one_line(tmp_path):
+    notebook = read("first_steps")
+    last = next(k for k, cell in enumerate(notebook.cells) if "parameters" in cell.metadata.get("tags", ()))
+    notebook.cells = notebook.cells[: last + 1]
     # Importing the package fails, as in an environment without the extra.
-    (tmp_path / "sitecustomize.py").write_text(
-        "import sys\n\n\nclass Blocked:\n    def find_spec(self, name, *more):\n"
-        f"        if name.partition('.')[0] == {package!r}:\n"
-        "            raise ModuleNotFoundError(f'No module named {name!r}', name=name)\n\n\n"
-        "sys.meta_path.insert(0, Blocked())\n"
-    )
-    found = notebooks.executed(kept, keep_errors=True, env={"PYTHONPATH": f"{notebooks.ROOT}:{tmp_path}"})
-    errors = [each for cell in found.cells for each in cell.get("outputs", ()) if each.output_type == "error"]
-    line = f"{package} is not installed: pip install 'vibgym[{extra}]'"
+    (tmp_path / "sitecustomize.py").write_text("import sys\n\nsys.modules['matplotlib'] = None\n")
+    executed = notebooks.executed(notebook, keep_errors=True, env={"PYTHONPATH": f"{notebooks.ROOT}:{tmp_path}"})
+    errors = [output for cell in code_cells(executed) for output in cell.outputs if output.output_type == "error"]
+    line = "matplotlib is not installed: pip install 'vibgym[notebooks]'"
     assert errors[0].traceback == [line] and errors[0].evalue == line
-
-
-def test_links_to_colab_follow_the_address_of_the_repository(tmp_path):
-    for name in SMALL:
-        assert read(name) == notebooks.linked(read(name), name)
-    pyproject = tmp_path / "pyproject.toml"
-    for urls, link in {
-        "[project.urls]\nRepository = 'https://github.com/a/b.git'": "https://colab.research.google.com/github/a/b/blob/main/",
-        "[project.urls]\nRepository = 'https://example.org/a/b'": None,
-        "": None,
-    }.items():
-        pyproject.write_text(f"[project]\nname = 'vibgym'\n{urls}\n")
-        plain = notebooks.linked(read("first_steps"), "first_steps", tmp_path / "pyproject.toml")
-        first = plain.cells[0].source.split("\n")[0]
-        assert first == ("# First steps" if link is None else f"[Open in Colab]({link}notebooks/first_steps.ipynb)")
-        assert notebooks.linked(plain, "first_steps", pyproject) == plain
 
 
 @pytest.mark.parametrize("name", SMALL)
 def test_notebooks_install_the_package_where_it_is_missing(name, monkeypatch):
-    first = next(cell.source for cell in read(name).cells if cell.cell_type == "code")
-    code = TransformerManager().transform_cell(first.partition("\n\nfrom vibgym")[0])
-    ran = []
-    shell = SimpleNamespace(run_line_magic=lambda magic, line: ran.append((magic, line)))
+    code = TransformerManager().transform_cell(code_cells(read(name))[0].source.partition("\n\nfrom vibgym")[0])
+    commands = []
+    shell = SimpleNamespace(run_line_magic=lambda magic, line: commands.append((magic, line)))
     exec(code, {"get_ipython": lambda: shell})
-    assert ran == []  # it is installed
+    assert commands == []  # it is installed
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     exec(code, {"get_ipython": lambda: shell})
-    ((magic, line),) = ran
+    ((magic, line),) = commands
     extras = re.fullmatch(r"install --quiet 'vibgym\[([\w,]+)\]'", line)[1].split(",")
-    offered = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"]
-    assert magic == "pip" and set(extras) <= set(offered)
+    known = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert magic == "pip" and set(extras) <= set(known)
 
 
-def test_unknown_parameters_are_rejected():
+def test_unknown_names_and_notebooks_that_fail_or_print_local_paths_change_nothing(capsys, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="STEP"):
         notebooks.executed(read("first_steps"), STEP=1)
-
-
-def test_unknown_notebooks_are_rejected(capsys):
-    assert notebooks.main(["last_steps"]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "last_steps" in error and "first_steps" in error
-
-
-def test_notebooks_that_fail_or_print_local_paths_are_not_stored(capsys, tmp_path, monkeypatch):
-    source = {"fails": "1 / 0", "local": "import os; print(os.__file__)"}
-    for name, code in source.items():
+    for name, code in {"fails": "1 / 0", "local": "import os; print(os.__file__)"}.items():
         cell = {**nbformat.v4.new_code_cell("N = 1"), "metadata": {"tags": ["parameters"]}}
         book = nbformat.v4.new_notebook(cells=[cell, nbformat.v4.new_code_cell(code)])
         (tmp_path / f"{name}.ipynb").write_text(json.dumps(book))
     monkeypatch.setattr(notebooks, "FOLDER", tmp_path)
-    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    assert notebooks.main(["fails"]) == 1
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "fails.ipynb: ZeroDivisionError" in error
     monkeypatch.setattr(notebooks, "LOCAL_PATHS", (*notebooks.LOCAL_PATHS, "os.py"))
-    assert notebooks.main(["local"]) == 2
-    assert "free of local paths" in capsys.readouterr().err
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for name, code, words in (
+        ("last_steps", 2, "last_steps"),
+        ("fails", 1, "fails.ipynb: ZeroDivisionError"),
+        ("local", 2, "free of local paths"),
+    ):
+        assert notebooks.main([name]) == code
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1 and words in error
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before

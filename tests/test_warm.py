@@ -64,7 +64,3 @@ def test_nothing_is_compiled_afterwards():
 def test_without_a_cache_it_reports_an_error():
     done = run("-m", "vibgym", "warm", VIBGYM_CACHE="0")
     assert done.returncode == 1 and len(done.stderr.splitlines()) == 1 and "VIBGYM_CACHE" in done.stderr
-
-
-def test_unknown_commands_are_refused():
-    assert run("-m", "vibgym", "cool").returncode == 2

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 
-@pytest.fixture(scope="module")
-def one_thread():
+@pytest.fixture(scope="session", autouse=True)
+def _one_thread():
     """Tiny networks gain nothing by threads, and other tests run on the other core."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

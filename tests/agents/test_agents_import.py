@@ -1,4 +1,4 @@
-"""``--import``: what a user brings takes part, in the command and in its workers; what cannot be imported is one line."""
+"""``--import``: user modules take part in the command and its workers; one that cannot be imported is one line."""
 
 import json
 import sys
@@ -20,8 +20,6 @@ from vibgym.tasks.pose import Transport
 
 
 class Park(Transport):
-    \"\"\"Bring a part to a place, which need not be exact.\"\"\"
-
     name = "{name}"
 
     def __init__(self, *arguments, **settings):
@@ -48,25 +46,16 @@ mine/{name}-v0:
 
 
 @pytest.fixture
-def brought(tmp_path, monkeypatch):
-    """Directory with a package of a name that no other test has imported."""
+def package(tmp_path, monkeypatch):
+    """Names of a task and of its package, which no other test has imported; the current directory."""
     name = f"Park{abs(hash(tmp_path)) % 10**8}"
-    (tmp_path / f"brought_{name.lower()}").mkdir()
-    (tmp_path / f"brought_{name.lower()}" / "__init__.py").write_text(PACKAGE.format(name=name))
+    (tmp_path / f"package_{name.lower()}").mkdir()
+    (tmp_path / f"package_{name.lower()}" / "__init__.py").write_text(PACKAGE.format(name=name))
     (tmp_path / "mine.yaml").write_text(TRAINING.format(name=name))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.path", list(sys.path))
     monkeypatch.setattr(imports, "_imported", [])
-    return name, f"brought_{name.lower()}"
-
-
-def test_a_package_of_one_s_own_is_trained_on_and_judged(brought, tmp_path):
-    name, package = brought
-    arguments = ["train", "mine.yaml", "--agent", f"{name}/plain", "--output", "run", "--quiet", "--import", package]
-    assert command.main(arguments) == 0
-    record = json.loads((tmp_path / "run" / "policy.json").read_text())
-    assert record["training"]["settings"]["task"] == f"mine/{name}-v0" and imports.user_modules() == (package,)
-    assert (tmp_path / "run" / "curve.csv").read_text().count("\n") == 3
+    return name, f"package_{name.lower()}"
 
 
 def knows(name):
@@ -75,12 +64,16 @@ def knows(name):
     return name in TASKS
 
 
-def test_workers_and_evaluations_take_it_over(brought, monkeypatch):
-    name, package = brought
-    imports.import_user_modules([package])
+def test_a_user_package_takes_part_in_trainings_workers_and_evaluations(package, tmp_path, monkeypatch):
+    name, module = package
+    arguments = ["train", "mine.yaml", "--agent", f"{name}/plain", "--output", "run", "--quiet", "--import", module]
+    assert command.main(arguments) == 0
+    record = json.loads((tmp_path / "run" / "policy.json").read_text())
+    assert record["training"]["settings"]["task"] == f"mine/{name}-v0" and imports.user_modules() == (module,)
+    assert (tmp_path / "run" / "curve.csv").read_text().count("\n") == 3
     monkeypatch.setattr(parallel, "available_threads", lambda: 2)
     assert parallel.run(knows, [(name,)] * 2, workers=2) == [True, True]
-    info: Any = None  # is not asked for
+    info: Any = None  # is not used
     place = Place("report", "", "", "zero")
     mine, ours = (Case(place, None, task, info, [1], {}, "zero") for task in (f"mine/{name}-v0", "Align"))
     assert mine.plain and ours.plain
@@ -95,7 +88,7 @@ TAKEN = "import vibgym\nvibgym.tasks.TASKS.register('Align', object)"
     (None, "ModuleNotFoundError: No module named 'spoilt_"), ("1 / 0", "ZeroDivisionError: division by zero"),
     (TAKEN, "ValueError: task name"), ("x = (", "SyntaxError"),
 ])  # fmt: skip
-def test_what_cannot_be_imported_is_one_line(tmp_path, monkeypatch, capsys, text, message):
+def test_modules_that_cannot_be_imported_are_one_line(tmp_path, monkeypatch, capsys, text, message):
     name = f"spoilt_{abs(hash(tmp_path)) % 10**8}"
     if text is not None:
         (tmp_path / f"{name}.py").write_text(text)

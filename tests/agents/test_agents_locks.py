@@ -65,8 +65,8 @@ def test_never_two_at_once(tmp_path, monkeypatch):
     directory.mkdir()
     counter.write_text("0")
     with ProcessPoolExecutor(4, FORK) as pool:
-        for each in [pool.submit(count_up, directory, counter) for _ in range(4)]:
-            each.result()
+        for run in [pool.submit(count_up, directory, counter) for _ in range(4)]:
+            run.result()
     assert counter.read_text() == "120" and os.listdir(directory) == []
 
 

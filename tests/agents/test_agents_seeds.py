@@ -1,11 +1,10 @@
 """Episodes of training, selection and evaluation are different ones, and commands refuse the seeds of others."""
 
+import itertools
 import json
-import runpy
-import sys
 from pathlib import Path
 
-import numpy as np
+import gymnasium as gym
 import pytest
 
 from agents.__main__ import main
@@ -14,11 +13,7 @@ from agents.ppo import PPO
 from agents.sb3 import SB3
 from agents.training_file import load_settings, settings_from
 from tests.commands import refusal, saved
-from vibgym.envs import VibgymVectorEnv
-from vibgym.envs.vector import seeds_from
-from vibgym.seeds import RANGES
-
-pytestmark = pytest.mark.usefixtures("one_thread")
+from vibgym.seeds import RANGES, STREAM, check_seeds, range_of, training_seed
 
 ROOT = Path(__file__).parents[2]
 STAGED = {
@@ -34,24 +29,6 @@ FOREIGN = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def resets(monkeypatch):
-    """All seeded resets of batches: number of worlds, seeds, and a digest of each start."""
-    found, reset = [], VibgymVectorEnv.reset
-
-    def recorded(self, *, seed=None, options=None):
-        observation, info = reset(self, seed=seed, options=options)
-        seeds = [each for each in seeds_from(seed, self.num_envs) if each is not None]
-        values = observation.values() if isinstance(observation, dict) else [observation]
-        rows = np.concatenate([np.reshape(each, (self.num_envs, -1)) for each in values], axis=1)
-        if seeds:
-            found.append((self.num_envs, seeds, [row.tobytes() for row in rows]))
-        return observation, info
-
-    monkeypatch.setattr(VibgymVectorEnv, "reset", recorded)
-    return found
-
-
 def trained(kind, settings, seed, folder, resets):
     """Return seeds and starts of a training, with those of its continuation."""
     resets.clear()
@@ -63,16 +40,16 @@ def trained(kind, settings, seed, folder, resets):
     assert learner.load(folder)
     learner.learn(learner.steps + 32, lambda metrics: None)
     learner.close()
-    return [[each for one in resets for each in one[k]] for k in (1, 2)]
+    return [[value for record in resets for value in record[k]] for k in (1, 2)]
 
 
 @pytest.mark.parametrize("kind, settings, count", [(PPO, STAGED, 4), (SB3, FOREIGN, 2)])
 def test_trainings_share_no_start(kind, settings, count, tmp_path, resets):
     """Not between runs, and not between imitation, stages of a curriculum and continued runs."""
     seeds, starts = zip(*(trained(kind, settings, seed, tmp_path, resets) for seed in (0, 1)), strict=True)
-    assert [len(each) for each in seeds] == [8 * count] * 2
+    assert [len(values) for values in seeds] == [8 * count] * 2
     assert len({*seeds[0], *seeds[1]}) == len({*starts[0], *starts[1]}) == 2 * 8 * count
-    assert all(each in RANGES["training"] for run in seeds for each in run)
+    assert all(seed in RANGES["training"] for run in seeds for seed in run)
 
 
 @pytest.mark.parametrize("agent", ["Align/ideal", "Sort/ideal"])
@@ -145,21 +122,46 @@ def test_results_of_any_seeds_are_read():
         assert EvaluationSettings.stored({**record["settings"], "first_seed": first}).seed_list()[0] == first
 
 
-@pytest.mark.parametrize("name, steps, worlds", [("train_ppo", 4096, 128), ("custom_reward_sac", 320, 32)])
-def test_examples_evaluate_on_episodes_that_they_have_not_trained_on(name, steps, worlds, monkeypatch, resets):
-    monkeypatch.setattr(sys, "argv", [name, str(steps)])
-    runpy.run_path(str(ROOT / f"examples/{name}.py"))
-    training = [seed for number, seeds, _ in resets if number == worlds for seed in seeds]
-    played = [seed for number, seeds, _ in resets if number != worlds for seed in seeds]
-    assert len(set(training)) == worlds and all(seed in RANGES["training"] for seed in training)
-    assert len(set(played)) in (100, 200) and all(seed in RANGES["own"] for seed in played)
+# -- ranges and streams ------------------------------------------------------------------------------------------------
+
+PURPOSES = (
+    "",
+    "imitation",
+    "costs",
+    *(f"{steps} steps, stage {k}" for steps in (0, 1, 10, 302_400, 10**12) for k in range(4)),
+)
 
 
-def test_tables_are_written_below_runs_unless_a_directory_is_given(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "agents.tabulate.tabulate", lambda config, names, seeds, episodes, output, *_: written.append(output) or []
-    )
-    config, written = tmp_path / "many.yaml", []
-    config.write_text("vibgym/Align-v0: {ideal: {steps: 5}}")
-    assert main(["tabulate", str(config)]) == main(["tabulate", str(config), "--output", str(tmp_path)]) == 0
-    assert written == [Path("runs/agents"), tmp_path]
+def test_ranges_are_disjoint_and_complete():
+    ordered = sorted(RANGES.values(), key=lambda seeds: seeds.start)
+    assert ordered[0].start == 0 and ordered[-1].stop == 2**63
+    assert all(first.stop == second.start for first, second in itertools.pairwise(ordered))
+    for ends in zip(*((seeds.start, seeds.stop - 1) for seeds in ordered), strict=True):
+        assert {range_of(seed) for seed in ends} == set(RANGES)
+
+
+def test_streams_of_runs_and_purposes_share_no_seed():
+    streams = [training_seed(run, purpose) for run in (*range(300), 900_000, 2**32 - 1) for purpose in PURPOSES]
+    ordered = sorted(streams)
+    assert all(second - first >= STREAM for first, second in itertools.pairwise(ordered))
+    assert ordered[0] >= RANGES["training"].start and ordered[-1] + STREAM <= RANGES["training"].stop
+    assert streams[:2] == [training_seed(0), training_seed(0, "imitation")]  # the same every time
+
+
+def test_environments_accept_the_largest_seeds():
+    last = RANGES["training"].stop - STREAM
+    batch, alone = gym.make_vec("vibgym:vibgym/Align-v0", num_envs=2), gym.make("vibgym:vibgym/Align-v0")
+    assert (batch.reset(seed=last)[0][1] == alone.reset(seed=last + 1)[0]).all()
+
+
+@pytest.mark.parametrize("first, count", [(100_000, 1), (999_990, 20), (399_999, 2), (-1, 1), (2**64, 1)])
+def test_seeds_of_other_ranges_are_refused_by_name(first, count):
+    with pytest.raises(ValueError, match=f"first_seed.*400000 to 999999.*{first}"):
+        check_seeds("first_seed", first, count, "selection")
+    check_seeds("first_seed", 400_000, 600_000, "selection")
+
+
+@pytest.mark.parametrize("bad", [-1, 0.5, None])
+def test_a_run_seed_is_a_whole_number(bad):
+    with pytest.raises(ValueError, match="run_seed must be a whole number >= 0"):
+        training_seed(bad)

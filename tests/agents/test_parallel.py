@@ -7,7 +7,6 @@ import sys
 import time
 
 import pytest
-import torch
 
 from agents import parallel
 from vibgym import checks
@@ -39,6 +38,8 @@ def wait_in(directory):
 
 
 def thread_limits():
+    import torch  # not above: the workers of the other tests start without it
+
     return os.environ["OMP_NUM_THREADS"], torch.get_num_threads(), threads.available_threads()
 
 
@@ -47,15 +48,15 @@ def two(monkeypatch):
     monkeypatch.setattr(parallel, "available_threads", lambda: 2)
 
 
-@pytest.mark.parametrize("given", [{"workers": 1}, {"workers": 2}, {"ray": "local"}])
-def test_results_keep_their_order_and_errors_are_raised(given, two):
-    if "ray" in given:
+@pytest.mark.parametrize("where", [{"workers": 1}, {"workers": 2}, {"ray": "local"}])
+def test_results_keep_their_order_and_errors_are_raised(where, two):
+    if "ray" in where:
         pytest.importorskip("ray")
     finished = []
-    found = parallel.run(square, [(k,) for k in range(5)], **given, done=finished.append)
-    assert found == [(k**2, os.getcwd()) for k in range(5)] and sum(finished) == 5
+    results = parallel.run(square, [(k,) for k in range(5)], **where, done=finished.append)
+    assert results == [(k**2, os.getcwd()) for k in range(5)] and sum(finished) == 5
     with pytest.raises(ArithmeticError, match="reason"):
-        parallel.run(fails, [("reason",)] * 3, **given)
+        parallel.run(fails, [("reason",)] * 3, **where)
 
 
 def test_work_of_a_killed_process_starts_again(tmp_path, two, monkeypatch):

@@ -1,7 +1,5 @@
 """Two small evaluations that run once for all tests of this folder: of one part, and of several and other hardware."""
 
-import csv
-
 import numpy as np
 import pytest
 
@@ -90,12 +88,6 @@ SEVERAL = {
 def evaluated(data, output, kind=EvaluationSettings):
     """Return the results of settings."""
     return evaluate(prepare(kind.checked(data, output=str(output))), quiet=True)
-
-
-def rows_of(path):
-    """Return the rows of a CSV file."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def rollouts(results):

@@ -28,27 +28,19 @@ SHORT = {
 
 # Command, changes of its settings (YAML, with abbreviations), and words of the error.
 BAD = """
-evaluate | taks: [Rotate] | taks
 evaluate | tasks: [Stack] | evaluation.tasks[0] 'Stack'
-evaluate | tasks: [CartPole-v1] | evaluation.tasks[0] 'CartPole-v1'
 evaluate | tasks: [Align, Align] | evaluation.tasks 'Align'
 evaluate | policies: [fuzzy] | (fuzzy on Rotate 'fuzzy'
-evaluate | policies: [{kind: zero, tasks: [Align]}] | policies.0.tasks 'Align'
 evaluate | tasks: [Rotate, Sort], policies: [zero, {kind: open_loop, tasks: [Sort]}] | (open_loop on Sort
 evaluate | tasks: [Sort], policies: [zero, open_loop] | 'open_loop' Sort: one part
 evaluate | tasks: [Rotate, Sort], policies: [{kind: zero, tasks: [Rotate]}] | evaluation.tasks 'Sort'
 evaluate | policies: [{policy: zero}] | policies[0] zero
-evaluate | policies: [{kind: zero, gain: 1}] | (zero on Rotate gain
 evaluate | policies: [zero, {name: zero, kind: random}] | policies.1.name 'zero'
 evaluate | policies: [{kind: trained, path: 'nowhere/{task}.json'}] | nowhere/rotate.json
+evaluate | policies: ["a\\0.json"] | policies a
 evaluate | episodes: null, seeds: [1, 2], task_episodes: {Rotate: 3} | task_episodes.Rotate 3
-evaluate | task_episodes: {Sort: 3} | evaluation.task_episodes 'Sort'
-evaluate | episodes: 0 | evaluation.episodes 0
-evaluate | seeds: [1, 2] | evaluation.episodes seeds
 evaluate | episodes: null, seeds: [1, 1] | evaluation.seeds 1
-evaluate | confidence: 95 | evaluation.confidence 95
 evaluate | environment: {action: patch} | evaluation.environment 'action'
-evaluate | environment: {parts: [brick]} | evaluation.environment 'brick'
 evaluate | environment: {FAST}, tasks: [Sort] | contacts='fast'
 evaluate | hardware: {a: {walls: []}} | evaluation.hardware a walls
 evaluate | hardware: {a: {}, b: {}}, policies: [{kind: zero, hardware: [a]}] | evaluation.hardware.b
@@ -59,23 +51,17 @@ evaluate | effects: {ROTATE {none: {}}, policies: [pid]} | evaluation.effects.po
 evaluate | effects: {ROTATE {none: {}}, task: Align} | evaluation.effects.task 'Align'
 evaluate | effects: {ROTATE {dust: {actuators: {kind: prototype, dust: 1}}}} | evaluation.effects.cases.dust 'dust'
 evaluate | effects: {ROTATE {none: {}}, policies: [{policy: zero, sensor: {zoom: 2}}]} | evaluation.effects zoom
-evaluate | effects: {ROTATE {one: {FAST, task: Sort}}} | effects.cases.one contacts='fast'
 evaluate | FEED, under_load: {LOAD, task: Sort} | evaluation.under_load.task 'Sort'
 evaluate | FEED, under_load: {LOAD, policies: [magic]} | under_load.policies 'magic'
 evaluate | FEED, under_load: {LOAD, parts: [4, 4]} | evaluation.under_load.parts 4
-evaluate | FEED, under_load: {LOAD, parts: [0]} | evaluation.under_load.parts[0] 0
-evaluate | FEED, under_load: {LOAD, episodes: 0} | evaluation.under_load.episodes 0
 evaluate | under_load: {LOAD, task: Rotate, policies: [zero]} | evaluation.under_load.task 'Rotate'
 evaluate | policies: [{SEEDED [1, 2]}] | policies.0.training_seeds tasks,
 evaluate | policies: [{kind: zero, episodes: 2}] | policies.0.episodes tasks,
 compare | policies: [{kind: zero, training_steps: 5}] | policies.0.training_steps tasks,
-score | policies: [{SEEDED [1, 2]}] | policies.0.training_seeds tasks,
 score | held_out: false | 'held_out'
-compare | environment: {FAST}, tasks: [Sort] | contacts='fast'
 compare | policies: [{kind: zero, group: best}] | policies[0].group 'best' hybrid
 compare | policies: [{SEEDED [1]}] | policies[0].training_seeds 2
 compare | policies: [{SEEDED [1, 1]}] | policies[0].training_seeds 1
-compare | policies: [{SEEDED [1, b]}] | training_seeds 'b'
 compare | policies: [{kind: zero, training_seeds: [1, 2]}] | training_seeds classical
 compare | policies: [{kind: trained, path: a.json, training_seeds: [1, 2]}] | policies[0] (policy) {seed}
 compare | policies: [{kind: trained, path: '{seed}.json'}] | policies[0] (policy) training_seeds
@@ -88,12 +74,9 @@ compare | policies: [open_loop], generalisation: [{STUDY {a: {task: Sort}}, poli
 compare | policies: [zero, pose], ladders: [{name: l, task: Rotate, policies: [zero, pose]}] | ladders.0.policies curve
 compare | ladders: [{name: l, task: Rotate, policies: [zero]}] | ladders[0].policies 2
 compare | ladders: [{name: l, task: Align, policies: [zero, pose]}] | ladders.0.task 'Align' Rotate
-score | training_steps: 0 | suite.training_steps 0
 score | tasks: [Sort] | suite.tasks 'Sort'
-score | environment: {FAST}, tasks: [Swap] | contacts='fast'
 score | policies: [{kind: pose, training_steps: 2000}] | suite.policies.0.training_steps 2000
 score | policies: [open_loop], tasks: [Feed] | suite.policies 'open_loop'
-score | policies: [{kind: zero, episodes: 0}] | suite.policies[0].episodes 0
 score | cost_limit: 1.0 | suite.cost_limit environment.costs
 score | cost_limit: -1.0, environment: {costs: {effort: 1.0}} | suite.cost_limit -1
 """
@@ -128,34 +111,13 @@ def test_an_episode_without_an_end_is_refused(monkeypatch):
         prepare(EvaluationSettings.checked({"tasks": ["endless/Feed-v0"], "policies": ["zero"]}))
 
 
-@pytest.mark.parametrize(
-    "content", [None, "tasks: [Rotate", "- a\n- list\n", "tasks: !!python/object/apply:os.getcwd []\n", "\x00"]
-)
-def test_bad_files(content, tmp_path, capsys):
-    path = tmp_path / "bad.yaml"
-    if content is not None:
-        path.write_text(content)
-    assert str(path) in refusal(capsys, command.main, "evaluate", path)
-
-
-@pytest.mark.parametrize("make", [
-    folder_at, lambda path: path.with_name("x" * 300 + ".json"), lambda path: path.with_name("a\0.json"),
+@pytest.mark.parametrize("text, named", [
+    ("{colour: 1}", "kind"), ("{kind: magic}", "magic"), ("[1]", "mine.yaml"), ("{kind: zero, name: 3}", "name"),
 ])  # fmt: skip
-def test_policies_that_are_no_files(make, tmp_path, capsys):
-    path = saved(tmp_path, GOOD["evaluate"], policies=[str(make(tmp_path / "policy.json"))])
-    line = refusal(capsys, command.main, "evaluate", path)
-    assert "policies" in line and str(tmp_path) in line
-
-
-@pytest.mark.parametrize(
-    "text, message",
-    [("{colour: 1}", "kind"), ("{kind: magic}", "magic"), ("[1]", "mine.yaml"), ("{kind: zero, name: 3}", "name")],
-)
-def test_bad_files_of_policies(tmp_path, capsys, text, message):
-    own, suite = tmp_path / "mine.yaml", tmp_path / "suite"
+def test_bad_files_of_policies(tmp_path, capsys, text, named):
+    own, suite = tmp_path / "mine.yaml", folder_at(tmp_path / "suite")
     own.write_text(text)
-    suite.mkdir()
-    assert message in refusal(capsys, command.main, "score", saved(suite, GOOD["score"]), "--policy", own)
+    assert named in refusal(capsys, command.main, "score", saved(suite, GOOD["score"]), "--policy", own)
 
 
 FILM = ["--gif", "Rotate", "zero"]
@@ -167,11 +129,8 @@ FILM = ["--gif", "Rotate", "zero"]
     (lambda folder: ["--gif", "Rotate", "nobody", folder / "a.gif"], "--gif POLICY"),
     (lambda folder: [*FILM, folder / "a.gif", "--gif-hardware", "prototype"], "--gif-hardware"),
     (lambda folder: ["--gif-hardware", "ideal"], "--gif-hardware requires --gif"),
-    (lambda folder: [*FILM, file_at(folder / "file") / "a.gif"], "--gif PATH"),
     (lambda folder: [*FILM, folder / "out" / "report.html"], "--gif PATH"),
     (lambda folder: ["--output", file_at(folder / "file") / "below"], "evaluation.output"),
-    (lambda folder: ["--output", file_at(folder / "file")], "evaluation.output"),
-    (lambda folder: ["--output", folder / "a\0b"], "evaluation.output"),
     (lambda folder: ["--output", folder_at(folder / "there" / "report.html").parent], "evaluation.output"),
 ])  # fmt: skip
 def test_bad_arguments(make, named, tmp_path, capsys):
@@ -182,17 +141,9 @@ def test_bad_arguments(make, named, tmp_path, capsys):
     assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
 
 
-@pytest.mark.parametrize("arguments", [[], ["fly"], ["evaluate"], ["evaluate", "x.yaml", "--episodes", "many"]])
-def test_bad_commands(arguments):
-    with pytest.raises(SystemExit) as stop:
-        command.main(arguments)
-    assert stop.value.code == 2
-
-
 def test_a_second_evaluation_in_a_directory_is_refused(tmp_path, capsys):
-    path = saved(tmp_path, GOOD["evaluate"])
-    (tmp_path / "out").mkdir()
-    with one_run(tmp_path / "out"):
+    path, output = saved(tmp_path, GOOD["evaluate"]), folder_at(tmp_path / "out")
+    with one_run(output):
         line = refusal(capsys, command.main, "evaluate", path)
         assert "evaluation.output" in line and f"process {os.getpid()} on host" in line
-    assert os.listdir(tmp_path / "out") == []
+    assert os.listdir(output) == []

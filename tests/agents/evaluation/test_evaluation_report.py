@@ -11,7 +11,8 @@ from agents.evaluation import EvaluationSettings, difference, prepare, report, t
 from agents.evaluation.rows import against_best, best_rows, differences, rows
 from agents.evaluation.settings import laid_over, with_sensor
 from agents.evaluation.table import where
-from tests.agents.evaluation.conftest import BROKEN, CASES, SEVERAL, Counting, Pusher, Still, rows_of
+from tests.agents.evaluation.conftest import BROKEN, CASES, SEVERAL, Counting, Pusher, Still
+from tests.commands import rows_of
 
 
 class Links(HTMLParser):
@@ -21,10 +22,7 @@ class Links(HTMLParser):
 
     def __init__(self):
         super().__init__()
-        self.loads: list[str] = []
-        self.targets: set[str] = set()
-        self.anchors: list[str] = []
-        self.open: list[str] = []
+        self.loads, self.targets, self.anchors, self.open = [], set(), [], []
 
     def handle_starttag(self, tag, attrs):
         values = dict(attrs)
@@ -45,27 +43,21 @@ def test_pages_open_offline(written, written_several):
         page = Links()
         page.feed(text)
         assert not page.open
-        assert page.loads and all(each.startswith("data:image/") for each in page.loads)
-        assert page.anchors and all(each.startswith("#") and each[1:] in page.targets for each in page.anchors)
+        assert page.loads and all(address.startswith("data:image/") for address in page.loads)
+        assert page.anchors and all(link.startswith("#") and link[1:] in page.targets for link in page.anchors)
         assert "@import" not in text and not re.search(r"url\(", text) and len(text) < 1.5e6
 
 
-def test_page_shows_what_was_found(found, written):
+def test_pages_show_policies_hardware_effects_and_clear_differences(found, written, written_several):
     text = (written / "report.html").read_text(encoding="utf-8")
     assert "still &lt;&amp;&gt;" in text and "still <&>" not in text
     assert "Does &lt;nothing&gt; &amp; says so." in text
     assert text.count("data:image/gif;") == len(found.cases) == 6
-    for row in rows(found):
-        assert f"{100 * row['success_rate']:.1f} %" in text
-    for seed in found.main.loc[found.main["filmed"] == 1.0, "seed"]:
-        assert f"Film of seed {seed}" in text
     every = rows(found)
+    assert all(f"{100 * row['success_rate']:.1f} %" in text for row in every)
     gaps = against_best(found, differences(found, every), best_rows(found, every))
     clear = [gap[name].clear for gap in gaps for name in ("success", "time") if gap[name].interval is not None]
     assert text.count('<td class="clear"') == sum(clear) and not all(clear)
-
-
-def test_page_shows_hardware_and_effects(written_several):
     text = (written_several / "report.html").read_text(encoding="utf-8")
     assert "latency: 3" in text and text.count('id="card-') == 8
     section = text[text.index('<h2 id="effects"') : text.index('<h2 id="Transport"')]
@@ -105,18 +97,18 @@ def test_json_holds_everything(written, written_several):
     def refuse(constant):
         raise AssertionError(f"{constant} is not JSON")
 
-    content = json.loads((written / "results.json").read_text(encoding="utf-8"), parse_constant=refuse)
-    assert content["seeds"] == list(range(300, 308))
-    assert content["versions"]["numpy"] == np.__version__ and content["versions"]["vibgym"]
-    assert content["host"]["cores"] >= 1 and "commit" in content
-    assert content["settings"]["tasks"] == ["Transport", "Align"]
-    assert len(content["results"]) == 6 and len(content["comparisons"]) == 6 and len(content["episodes"]) == 48
-    assert content["results"][0]["time_to_goal_median_s"] is None
-    assert content["tasks"]["Align"]["position_tolerance"] == 0.002
-    content = json.loads((written_several / "results.json").read_text(encoding="utf-8"), parse_constant=refuse)
-    assert content["hardware"]["ideal"] == {} and content["hardware"]["broken"] == {"actuators": BROKEN}
-    assert content["settings"]["policies"]["still"]["hardware"] == ["ideal"]
-    effects = content["effects"]
+    plain, several = (
+        json.loads((directory / "results.json").read_text(encoding="utf-8"), parse_constant=refuse)
+        for directory in (written, written_several)
+    )
+    assert plain["seeds"] == list(range(300, 308)) and plain["settings"]["tasks"] == ["Transport", "Align"]
+    assert plain["versions"]["numpy"] == np.__version__ and plain["versions"]["vibgym"] and "commit" in plain
+    assert [len(plain[name]) for name in ("results", "comparisons", "episodes")] == [6, 6, 48]
+    assert plain["results"][0]["time_to_goal_median_s"] is None
+    assert plain["tasks"]["Align"]["position_tolerance"] == 0.002
+    assert several["hardware"]["ideal"] == {} and several["hardware"]["broken"] == {"actuators": BROKEN}
+    assert several["settings"]["policies"]["still"]["hardware"] == ["ideal"]
+    effects = several["effects"]
     assert effects["seeds"] == list(range(300, 304)) and effects["cases"] == CASES and len(effects["episodes"]) == 24
 
 
@@ -128,12 +120,12 @@ def test_csv_files(found, several, written, written_several):
         ]
         assert len(episodes) == len(results.main)
         for name in ("position_error_m", "collisions", "throughput_parts_per_s", "clearance_m", "time_to_goal_s"):
-            values = [float(row[name] or "nan") for row in episodes]
-            np.testing.assert_array_equal(values, results.main[name])
+            np.testing.assert_array_equal([float(row[name] or "nan") for row in episodes], results.main[name])
         for row in summary:
             some = where(results.main, **{key: row[key] for key in ("task", "hardware", "policy")})
-            assert (int(row["episodes"]), float(row["success_rate"])) == (len(some), some["success"].mean())
             figures = {
+                "episodes": len(some),
+                "success_rate": some["success"].mean(),
                 "collisions_mean": some["collisions"].mean(),
                 "throughput_median_parts_per_s": some["throughput_parts_per_s"].median(),
                 "clearance_median_m": some["clearance_m"].median(),
@@ -142,12 +134,16 @@ def test_csv_files(found, several, written, written_several):
             for name, value in figures.items():
                 assert float(row[name] or "nan") == pytest.approx(value, nan_ok=True)
         assert {row[key] for row in episodes for key in ("good_per_minute", "pattern_error_m", "coverage")} == {""}
-    assert sorted(path.name for path in written.iterdir()) == [  # policies that are objects are not recorded
-        "episodes.csv", "report.html", "results.csv", "results.json"
-    ]  # fmt: skip
+    # Policies that are objects are not recorded.
+    names = {"episodes.csv", "report.html", "results.csv", "results.json"}
+    assert {path.name for path in written.iterdir()} == names
     # Tasks with the same figures stand together.
     tables = report.write(several, quiet=True)[1].split("\n\n")
-    assert [("throughput" in each, "Sort" in each) for each in tables] == [(False, False), (True, True), (False, False)]
+    assert [("throughput" in table, "Sort" in table) for table in tables] == [
+        (False, False),
+        (True, True),
+        (False, False),
+    ]
     lines = tables[0].splitlines()
     assert lines[0].startswith("| task | hardware | policy |")
     assert lines[4].startswith("| Transport | broken | pusher | 0.0 % (")
@@ -163,17 +159,17 @@ def settings(**changes):
 
 
 def test_episodes_of_a_task():
-    found = settings(episodes=5, task_episodes={"Sort": 2})
-    assert found.seed_list() == found.seed_list("Transport") == [9, 10, 11, 12, 13]
-    assert found.seed_list("Sort") == [9, 10]
-    found = settings(first_seed=None, seeds=[7, 3, 5], task_episodes={"Sort": 1})
-    assert found.seed_list("Transport") == [7, 3, 5] and found.seed_list("Sort") == [7]
+    some = settings(episodes=5, task_episodes={"Sort": 2})
+    assert some.seed_list() == some.seed_list("Transport") == [9, 10, 11, 12, 13]
+    assert some.seed_list("Sort") == [9, 10]
+    some = settings(first_seed=None, seeds=[7, 3, 5], task_episodes={"Sort": 1})
+    assert some.seed_list("Transport") == [7, 3, 5] and some.seed_list("Sort") == [7]
     assert len(settings().seed_list("Sort")) == 100
     # The command line's are those of all tasks, at most those of the hardware and of the study.
-    for given, broken, effects in ((5, 4, 4), (3, 3, 3)):
-        cases = prepare(EvaluationSettings.checked(SEVERAL, given)).cases
+    for episodes, broken, effects in ((5, 4, 4), (3, 3, 3)):
+        cases = prepare(EvaluationSettings.checked(SEVERAL, episodes)).cases
         main = {case.place[1:3]: len(case.seeds) for case in cases if case.place.study == "report"}
-        assert main["Sort", "ideal"] == main["Transport", "late"] == given and main["Transport", "broken"] == broken
+        assert main["Sort", "ideal"] == main["Transport", "late"] == episodes and main["Transport", "broken"] == broken
         assert {len(case.seeds) for case in cases if case.place.study == "effects"} == {effects}
 
 
@@ -199,6 +195,5 @@ def test_hardware_replaces_arguments_of_the_environment():
     over = laid_over(environment, {"actuators": BROKEN, "randomize": {"friction": [0.9, 1.1]}})
     assert over == {"surface": "prototype", "actuators": BROKEN, "randomize": {"parts": [1, 3], "friction": [0.9, 1.1]}}
     assert laid_over({"randomize": {"parts": [1, 3]}}, {"randomize": None}) == {"randomize": None}
-    assert with_sensor({}, {"estimator": "model"}) == {"sensor": {"kind": "ideal", "estimator": "model"}}
     noisy = {"kind": "pose", "noise": [0.1, 0.2], "estimator": "none"}
     assert with_sensor({"sensor": noisy}, {"estimator": "model"})["sensor"] == {**noisy, "estimator": "model"}

@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 
 from agents import __main__ as command
-from agents.evaluation import EvaluationSettings, cases, report, run, table
+from agents.evaluation import ComparisonSettings, EvaluationSettings, SuiteSettings, cases, report, run, table
 from agents.evaluation.published import written_settings
 from agents.evaluation.run import KEPT, Case
 from agents.evaluation.table import TIMING
 from agents.provenance import policy_files, portable
-from tests.agents.evaluation.conftest import Pusher, evaluated, rows_of
-from tests.commands import files_in, fill_the_disk, said_in_one_line, saved
+from tests.agents.evaluation.conftest import Pusher, evaluated
+from tests.commands import files_in, fill_the_disk, rows_of, said_in_one_line, saved
 from vibgym.policies.rollout import rollout
 
 GOOD = {"tasks": ["Rotate"], "policies": ["zero", {"name": "=steered", "kind": "local_field"}], "episodes": 2}
@@ -127,6 +127,14 @@ def test_a_full_disk_leaves_the_old_report_and_its_film(tmp_path, capsys, monkey
 def test_shipped_settings_are_sound():
     for path in sorted(Path("configs/evaluations").glob("*.yaml")):
         assert EvaluationSettings.load(path).seed_list()[0] in (100_000, 300_000)
+    for path in sorted(Path("configs/comparisons").glob("*.yaml")):
+        assert ComparisonSettings.load(path).generalisation
+    suite = SuiteSettings.load(Path("configs/suite/open.yaml"))
+    assert suite.seed_list("Swap")[0] == 300_000 and set(suite.machines()) == {"ideal", "prototype"}
+    entries = {entry.name: entry.content for entry in suite.policies}
+    assert list(entries) == ["zero", "random", "classical", "planner", "mpc", "learned", "parallel_rollout"]
+    for name in ("classical", "parallel_rollout"):
+        assert len(suite.tasks) == 8 and set(entries[name]) - {"kind"} == set(suite.tasks)
 
 
 SHIPPED = Path("vibgym/policies/trained/shipped/transport.json")

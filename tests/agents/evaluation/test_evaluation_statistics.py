@@ -109,8 +109,7 @@ def test_a_paired_difference_is_narrower_than_either_interval():
     assert time.value == pytest.approx(0.05, abs=0.005) and time.clear and middle.clear
     alone = interval_of(hard, LEVEL, DRAWS, iqm)
     assert middle.interval.high - middle.interval.low < 0.2 * (alone.high - alone.low)
-    back = middle.negative()
-    assert (back.value, back.interval.low) == (-middle.value, -middle.interval.high)
+    assert (middle.negative().value, middle.negative().interval.low) == (-middle.value, -middle.interval.high)
 
 
 def test_several_runs_against_one():

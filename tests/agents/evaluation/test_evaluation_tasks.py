@@ -9,7 +9,8 @@ import pytest
 from agents.evaluation import ComparisonSettings, report
 from agents.evaluation.rows import load_rows, rows, study_rows
 from agents.evaluation.table import RATES, where
-from tests.agents.evaluation.conftest import evaluated, rollouts, rows_of
+from tests.agents.evaluation.conftest import evaluated, rollouts
+from tests.commands import rows_of
 from vibgym.tasks import TASKS, PoseTask
 
 FEEDING = {

@@ -12,8 +12,7 @@ from agents import __main__ as command
 from agents.evaluation import check
 from agents.evaluation.published import canonical
 from agents.provenance import digest
-from tests.agents.evaluation.conftest import rows_of
-from tests.commands import files_in, fill_the_disk, refusal
+from tests.commands import files_in, fill_the_disk, refusal, rows_of
 
 SHIPPED = Path("vibgym/policies/trained/shipped")
 EFFECTS = {"task": "Align", "policies": ["learned"], "cases": {"noise": {"sensor": "pose"}}}
@@ -70,10 +69,9 @@ def edited(folder, change):
     record = json.loads((folder / "out" / "report.json").read_text())
     change(record)
     (folder / "out" / "report.json").write_text(json.dumps(record))
-    return record
 
 
-def test_what_is_shipped_comes_out_again(capsys):
+def test_shipped_results_are_reproduced(capsys):
     code, text, _ = verified(capsys, "--task", "Align", "--policy", "local_field")
     assert code == 0, text
     assert text.endswith("\nverified\n") and "different: " not in text
@@ -81,17 +79,20 @@ def test_what_is_shipped_comes_out_again(capsys):
 
 
 def test_published_and_verified(folder, capsys):
-    code, text, errors = verified(capsys, "out", "--output", "all")
-    assert code == 0 and errors == ""
-    assert "6 of 6 published episodes have the same metrics when played again" in text
-    assert "apart: " not in text and "different: " not in text and "version: " not in text
-    rows = rows_of(folder / "all" / "verification.csv")
-    assert {row["study"] for row in rows} == {"report", "effects"} and {row["agrees"] for row in rows} == {"True"}
-    assert f"{len(rows)} of {len(rows)} figures" in text
+    """Also with another version of a package, which is named and no fault."""
     record = json.loads((folder / "out" / "report.json").read_text())
     assert set(record["versions"]) >= {"python", "numpy", "numba", "vibgym"} and record["commit"]
     assert len(record["digests"]["policies"]) == 2
     assert len((folder / "out" / "episodes.csv").read_text().splitlines()) == 1 + 3 * 16
+    edited(folder, lambda record: record["versions"].update(numpy="1.0"))
+    code, text, errors = verified(capsys, "out", "--output", "all")
+    assert code == 0 and errors == ""
+    assert "6 of 6 published episodes have the same metrics when played again" in text
+    assert "apart: " not in text and "different: " not in text
+    assert text.count("version: ") == 1 and "version: numpy 1.0, here " in text
+    rows = rows_of(folder / "all" / "verification.csv")
+    assert {row["study"] for row in rows} == {"report", "effects"} and {row["agrees"] for row in rows} == {"True"}
+    assert f"{len(rows)} of {len(rows)} figures" in text
 
 
 def test_a_policy_that_is_worse_than_published_lies_outside(folder, capsys):
@@ -120,52 +121,41 @@ def test_episodes_against_published_ones(found):
     assert (apart["published"][times] == 2.0 * apart["found"][times]).all()
 
 
-SPOILT = {
-    "out/figures.csv: Align, ideal, zero: success_rate is 0.5; 0 follows from the episodes": (
-        "out/figures.csv", ",zero,success_rate,16,0.0,", ",zero,success_rate,16,0.5,"
-    ),
-    "out/episodes.csv: edited since it was published": (
-        "out/episodes.csv", "report,Align,ideal,zero,8,0,0,", "report,Align,ideal,zero,8,1,0,"
-    ),
-    "out/report.json: settings: edited since they were published": (
-        "out/report.json", '"first_seed": 7', '"first_seed": 8'
-    ),
-    "align.json: changed since results were published": ("align.json", '"version": 2', '"version":  2'),
-    "align.json: missing since results were published": ("align.json", None, None),
-    "safetensors: changed since results were published": ("align-*.safetensors", None, "x"),
-    "mine.yaml: other episodes than published": ("mine.yaml", "episodes: 16", "episodes: 17"),
-}  # fmt: skip
+SPOILT = [  # file, change (None: the file is removed), and the line that names it
+    ("out/figures.csv", (",zero,success_rate,16,0.0,", ",zero,success_rate,16,0.5,"),
+     "out/figures.csv: Align, ideal, zero: success_rate is 0.5; 0 follows from the episodes"),
+    ("out/episodes.csv", ("report,Align,ideal,zero,8,0,0,", "report,Align,ideal,zero,8,1,0,"),
+     "out/episodes.csv: edited since it was published"),
+    ("out/report.json", ('"first_seed": 7', '"first_seed": 8'), "out/report.json: settings: edited since they were published"),
+    ("align.json", ('"version": 2', '"version":  2'), "align.json: changed since results were published"),
+    ("align.json", None, "align.json: missing since results were published"),
+    ("align-*.safetensors", "x", "safetensors: changed since results were published"),
+    ("mine.yaml", ("episodes: 16", "episodes: 17"), "mine.yaml: other episodes than published"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("message", SPOILT)
-def test_what_is_changed_is_named(message, folder, capsys):
-    name, old, new = SPOILT[message]
+@pytest.mark.parametrize("name, change, message", SPOILT)
+def test_changes_are_named(name, change, message, folder, capsys):
     (path,) = folder.glob(name)
-    if old is not None:
-        rewritten(path, old, new)
-    elif new is None:
+    if change is None:
         path.unlink()
+    elif change == "x":
+        path.write_text(change)
     else:
-        path.write_text(new)
+        rewritten(path, *change)
     code, text, errors = verified(capsys, "out", "--policy", "zero")
     assert code == 1 and errors == "" and text.endswith("\nnot verified\n")
     assert any(line.startswith("different: ") and line.endswith(message) for line in text.splitlines())
-    assert ("nothing was played" in text) == (old is None)
+    assert ("nothing was played" in text) == (change in (None, "x"))
 
 
 def test_a_falsified_figure_is_found_with_its_digest_too(folder, capsys):
-    message, spoil = next(iter(SPOILT.items()))
-    rewritten(*spoil)
-    found = digest(Path(spoil[0]).read_bytes())
-    edited(folder, lambda record: record["digests"]["files"].update({"figures.csv": found}))
+    name, change, message = SPOILT[0]
+    rewritten(folder / name, *change)
+    changed = digest((folder / name).read_bytes())
+    edited(folder, lambda record: record["digests"]["files"].update({"figures.csv": changed}))
     code, text, _ = verified(capsys, "out", "--policy", "zero")
     assert code == 1 and f"different: {message}\n" in text and "edited" not in text
-
-
-def test_other_versions_are_named_and_no_fault(folder, capsys):
-    record = edited(folder, lambda record: record["versions"].update(numpy="1.0"))
-    code, text, _ = verified(capsys, "out", "--policy", "zero")
-    assert code == 0 and "version: numpy 1.0, here " in text and record["versions"]["numpy"] == "1.0"
 
 
 BAD = [

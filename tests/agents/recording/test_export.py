@@ -14,10 +14,9 @@ from agents.__main__ import main
 from agents.recording import export as exporting
 from agents.recording.export import ORIGIN, export
 from tests.agents.recording.conftest import NAME
-from tests.commands import refusal
+from tests.commands import said_in_one_line
 from vibgym.adapters.lerobot import names_of, observation_from, text_of
 from vibgym.envs import VibgymEnv
-from vibgym.files import WriteError
 from vibgym.tasks import TASKS
 
 
@@ -60,7 +59,7 @@ def test_episodes_are_those_of_the_recording(recorded, tmp_path, kind):
         names = feature["names"]
         assert names is None or len(set(names)) == len(names) == feature["shape"][0], key
     about = data.storage.get_episode_metadata([0, 1])
-    for own, episode, kept in zip(Writer.last.episodes, data.iterate_episodes(), about, strict=True):
+    for exported, episode, kept in zip(Writer.last.episodes, data.iterate_episodes(), about, strict=True):
         steps, seen = len(episode.rewards), episode.observations
         if kind == "parts":
             mask = seen["mask"][:-1]
@@ -75,10 +74,10 @@ def test_episodes_are_those_of_the_recording(recorded, tmp_path, kind):
             "next.reward": episode.rewards, "next.done": done, "next.success": done & bool(kept["success"]),
         }  # fmt: skip
         for key, values in expected.items():
-            assert own[key].dtype == features[key]["dtype"] == values.dtype and np.array_equal(own[key], values), key
-            assert features[key]["shape"] == (values.shape[1:] or (1,))
-        assert own["size"] == steps and set(own["task"]) == {text_of(TASKS["Sort"])}
-        assert np.array_equal(own["timestamp"], np.arange(steps) / 25)
+            assert exported[key].dtype == features[key]["dtype"] == values.dtype, key
+            assert np.array_equal(exported[key], values) and features[key]["shape"] == (values.shape[1:] or (1,)), key
+        assert exported["size"] == steps and set(exported["task"]) == {text_of(TASKS["Sort"])}
+        assert np.array_equal(exported["timestamp"], np.arange(steps) / 25)
     origin = json.loads((tmp_path / "out" / ORIGIN).read_text())
     assert origin["dataset"] == NAME and origin["seeds"] == [1_000_007, 1_000_008]
     assert origin["vibgym_scene"]["observation"] == kind and origin["ref_min_score"] < origin["ref_max_score"]
@@ -94,32 +93,27 @@ def test_names_of_the_state_follow_its_layout():
 
 
 @pytest.mark.parametrize("case, changes, named", [
-    ("differs", {}, "seed 1000008 does not replay"), ("exists", {}, "output"), ("no/such-v0", {}, "no/such-v0"),
-    ("image", {"observation": "image"}, "observation"), ("rate", {"environment": {"periods_per_step": 2}}, "12.5"),
+    ("full disk", {}, "No space left"), ("differs", {}, "seed 1000008 does not replay"), ("exists", {}, "output"),
+    ("no/such-v0", {}, "no/such-v0"), ("image", {"observation": "image"}, "observation"),
+    ("rate", {"environment": {"periods_per_step": 2}}, "12.5"),
 ])  # fmt: skip
-def test_refusals_leave_nothing_behind(recorded, tmp_path, capsys, case, changes, named):
-    """An episode that does not replay, a directory that exists, images, 12.5 steps per second, an unknown name."""
+def test_failures_leave_nothing_behind(recorded, tmp_path, monkeypatch, capsys, case, changes, named):
+    """A full disk, an episode that does not replay, a directory that exists, images, 12.5 steps per second, an unknown name."""
     data, output = recorded(**changes), tmp_path / "some" / "out"
     if case == "differs":
         with h5py.File(data.storage.data_path / "main_data.hdf5", "r+") as file:
             file["episode_1/rewards"][0] += 1e-9
+    if case == "full disk":
+
+        def full(self, episode):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        monkeypatch.setattr(Writer, "save_episode", full)
     (output if case == "exists" else output.parent).mkdir(parents=True)
     before = sorted(tmp_path.rglob("*"))
-    name = case if "/" in case else NAME
-    assert named in refusal(capsys, main, "export", name, "--datasets", tmp_path, "--output", output)
-    assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_a_full_disk_leaves_nothing_behind(recorded, tmp_path, monkeypatch):
-    recorded()
-    before = sorted(tmp_path.rglob("*"))
-
-    def full(self, episode):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Writer, "save_episode", full)
-    with pytest.raises(WriteError, match="No space left"):
-        export(NAME, tmp_path / "out", tmp_path, quiet=True)
+    arguments = ["export", case if "/" in case else NAME, "--datasets", str(tmp_path), "--output", str(output)]
+    assert main([*arguments, "--quiet"]) == (1 if case == "full disk" else 2)
+    assert named in said_in_one_line(capsys)
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -128,15 +122,14 @@ def test_environments_have_the_observations_of_the_data_sets(kind):
     env = gym.make("gym_vibgym/Swap-v0", action="velocity", observation=kind)
     alone = gym.make("vibgym/Swap-v0", action="velocity", observation=kind)
     assert env.task_description == text_of(TASKS["Swap"]) and env._max_episode_steps == alone.spec.max_episode_steps
-    seen, _ = env.reset(seed=3)
-    other, _ = alone.reset(seed=3)
+    observation, other = env.reset(seed=3)[0], alone.reset(seed=3)[0]
     for _ in range(4):
         expected = observation_from(kind, other)
-        assert seen.keys() == expected.keys() and env.observation_space.contains(seen)
-        assert all(np.array_equal(seen[key], expected[key]) for key in seen)
+        assert observation.keys() == expected.keys() and env.observation_space.contains(observation)
+        assert all(np.array_equal(observation[key], expected[key]) for key in observation)
         action = np.full(alone.action_space.shape, 0.3, dtype=np.float32)
-        seen, reward, *ends, info = env.step(action)
-        other, same, *own, about = alone.step(action)
-        assert reward == same and ends == own and info["is_success"] == about["is_success"]
+        observation, *outcome, info = env.step(action)
+        other, *same, alone_info = alone.step(action)
+        assert outcome == same and info["is_success"] == alone_info["is_success"]
     with pytest.raises(ValueError, match="observation"):
         gym.make("gym_vibgym/Swap-v0", observation="image")

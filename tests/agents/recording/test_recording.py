@@ -29,6 +29,10 @@ def contents(data):
     return list(zip(data.iterate_episodes(), about, strict=True))
 
 
+def same_observation(episode, step, observation):
+    return all(np.array_equal(episode.observations[name][step], values) for name, values in observation.items())
+
+
 def test_a_data_set_holds_what_single_environments_do(recorded):
     """Bit for bit; and its environment comes back from it."""
     data = recorded(episodes=5, worlds=3)
@@ -36,32 +40,24 @@ def test_a_data_set_holds_what_single_environments_do(recorded):
     assert env.spec.id == "vibgym/Align-v0" and env.observation_space["parts"].shape[1] > 20
     alone = gym.make("vibgym/Align-v0", action="wrench", observation="parts")
     policy = make_policy(GIVEN["policy"], TaskInfo.of(alone), 7)
-    for number, (episode, kept) in enumerate(contents(data)):
-        observation, _ = alone.reset(seed=1_000_007 + number)
-        state, ended, step = None, False, 0
-        while True:
-            assert all(
-                np.array_equal(episode.observations[name][step], observation[name]) for name in ("parts", "mask")
-            )
-            if ended:
-                break
+    episodes = contents(data)
+    assert len(episodes) == 5
+    for seed, (episode, kept) in enumerate(episodes, 1_000_007):
+        observation, _ = alone.reset(seed=seed)
+        state = None
+        for step in range(len(episode.rewards)):
+            assert same_observation(episode, step, observation)
             action, state = policy.predict(alone.unwrapped.observed("state"), state)
             assert np.array_equal(episode.actions[step], np.clip(action, -1, 1).astype(np.float32))
-            observation, reward, terminated, truncated, info = alone.step(action)
-            found = episode.rewards[step], episode.terminations[step], episode.truncations[step]
-            assert found == (reward, terminated, truncated)
-            step, ended = step + 1, terminated or truncated
-        assert step == len(episode.rewards) and (kept["seed"], kept["success"]) == (
-            1_000_007 + number,
-            info["is_success"],
-        )
-    assert number == 4
+            observation, *outcome, info = alone.step(action)
+            assert outcome == [episode.rewards[step], episode.terminations[step], episode.truncations[step]]
+        assert any(outcome[1:]) and same_observation(episode, -1, observation)
+        assert (kept["seed"], kept["success"]) == (seed, info["is_success"])
 
 
-@pytest.mark.parametrize("worlds", [1, 2])
-def test_what_is_recorded_does_not_depend_on_how_many_play_at_a_time(recorded, worlds):
-    given = {"environment": HARDWARE, "noise": 0.1, "episodes": 4}
-    some, all_at_once = recorded(**given, worlds=worlds), recorded(**given, worlds=4, dataset="vibgym/align/other-v0")
+def test_recordings_do_not_depend_on_the_number_of_worlds(recorded):
+    data = {"environment": HARDWARE, "noise": 0.1, "episodes": 4}
+    some, all_at_once = recorded(**data, worlds=1), recorded(**data, worlds=4, dataset="vibgym/align/other-v0")
     for (one, about), (other, of_other) in zip(contents(some), contents(all_at_once), strict=True):
         assert np.array_equal(one.actions, other.actions) and np.array_equal(one.rewards, other.rewards)
         assert about == of_other and "drawn_dead_zone" in about
@@ -70,14 +66,19 @@ def test_what_is_recorded_does_not_depend_on_how_many_play_at_a_time(recorded, w
 def test_several_parts_and_drawn_hardware(recorded):
     randomize = {"parts": [2, 4], **HARDWARE["randomize"]}
     policy = {"kind": "planner", "law": "pose", "action": "wrench"}
-    found = contents(recorded(task="Sort", policy=policy, environment={**HARDWARE, "randomize": randomize}))
-    drawn = [float(kept["drawn_dead_zone"]) for _, kept in found]
-    assert drawn[0] != drawn[1] and all(0.5e-4 <= each <= 1e-4 for each in drawn)
-    masks = [episode.observations["mask"] for episode, _ in found]
+    episodes = contents(recorded(task="Sort", policy=policy, environment={**HARDWARE, "randomize": randomize}))
+    drawn = [float(kept["drawn_dead_zone"]) for _, kept in episodes]
+    assert drawn[0] != drawn[1] and all(0.5e-4 <= width <= 1e-4 for width in drawn)
+    masks = [episode.observations["mask"] for episode, _ in episodes]
     assert all(2 <= mask[0].sum() <= 4 and mask.shape[1] == 6 for mask in masks)
 
 
-def test_a_name_that_is_taken_and_a_full_disk(recorded, tmp_path, monkeypatch):
+def test_failures_leave_what_was_recorded(recorded, tmp_path, monkeypatch):
+    """A name that is taken, by a data set or by another process; a full disk; an episode that does not replay."""
+    with locks.one_run(tmp_path, "dataset", ".vibgym-align-pose-v0.lock"):
+        with pytest.raises(ValueError, match="dataset"):
+            recorded()
+        recorded(dataset="vibgym/align/first-v0")  # another one can be recorded
     recorded()
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(ValueError, match="dataset"):
@@ -86,19 +87,20 @@ def test_a_name_that_is_taken_and_a_full_disk(recorded, tmp_path, monkeypatch):
     def full(*arguments, **more):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(recording.minari, "create_dataset_from_buffers", full)
-    with pytest.raises(WriteError, match="No space left"):
+    with monkeypatch.context() as patch:
+        patch.setattr(recording.minari, "create_dataset_from_buffers", full)
+        with pytest.raises(WriteError, match="No space left"):
+            recorded(dataset="vibgym/align/other-v0")
+    assert sorted(tmp_path.rglob("*")) == before
+    play = recording.play
+
+    def changed(*arguments):
+        return (episode._replace(rewards=episode.rewards + 1e-9) for episode in play(*arguments))
+
+    monkeypatch.setattr(recording, "play", changed)
+    with pytest.raises(ValueError, match="does not replay"):
         recorded(dataset="vibgym/align/other-v0")
     assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_two_that_record_the_same(recorded, tmp_path):
-    """The second is refused at once; another data set beside it is recorded."""
-    with locks.one_run(tmp_path, "dataset", ".vibgym-align-pose-v0.lock"):
-        with pytest.raises(ValueError, match="dataset"):
-            recorded()
-        recorded(dataset="vibgym/align/other-v0")
-    assert {path.name for path in tmp_path.iterdir()} == {"vibgym"}
 
 
 @pytest.mark.parametrize("changes, named", [
@@ -144,20 +146,10 @@ def test_data_sets_of_another_version_or_origin_are_refused(recorded, tmp_path, 
         assert named in refusal(capsys, main, "replay", name, "--output", tmp_path)
 
 
-def test_nothing_is_stored_if_an_episode_does_not_replay(recorded, tmp_path, monkeypatch):
-    played = recording.play
-    monkeypatch.setattr(
-        recording, "play", lambda *given: (each._replace(rewards=each.rewards + 1e-9) for each in played(*given))
-    )
-    with pytest.raises(ValueError, match="does not replay"):
-        recorded()
-    assert not list(tmp_path.rglob("main_data.hdf5"))
-
-
 def test_a_directory_may_be_relative(settings_of, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    place, _, _ = record(settings_of(directory="data sets", episodes=1), quiet=True)
-    assert place == tmp_path / "data sets" / NAME and place.is_dir()
+    directory, _, _ = record(settings_of(directory="data sets", episodes=1), quiet=True)
+    assert directory == tmp_path / "data sets" / NAME and directory.is_dir()
 
 
 def test_recipes_are_valid(pytestconfig):

@@ -1,7 +1,5 @@
 """Tiny trainings, and what they have written."""
 
-import csv
-
 import numpy as np
 import yaml
 
@@ -30,18 +28,12 @@ def trained(folder, name="run", **changes):
     return train(written(folder, **changes), folder / name, quiet=True)
 
 
-def rows_of(path):
-    """Return the rows of a CSV file."""
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def flat(tree, name=""):
     """Return the values of nested mappings and lists by name."""
     if not isinstance(tree, dict | list):
         return {name: np.asarray(tree)}
     pairs = tree.items() if isinstance(tree, dict) else enumerate(tree)
-    return {key: value for part, each in pairs for key, value in flat(each, f"{name}.{part}").items()}
+    return {key: value for part, branch in pairs for key, value in flat(branch, f"{name}.{part}").items()}
 
 
 def same(one, two):

@@ -16,15 +16,13 @@ from agents.recording.storage import SCENE
 from agents.train import Training
 from agents.training_file import settings_from
 from agents.transitions import Transitions
-from tests.agents.training.helpers import DATA, rows_of, trained
-from tests.commands import files_in
+from tests.agents.training.helpers import DATA, trained
+from tests.commands import files_in, rows_of
 from vibgym import checks
 from vibgym.policies import make_policy
 from vibgym.policies.trained.flow import rate
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import CODINGS, KIND, VERSION
-
-pytestmark = pytest.mark.usefixtures("one_thread")
 
 CLONE = {"batch_size": 256, "turned": True, "history": True, "dropped_columns": ["position"], "activation": "relu"}
 FLOW = {"network": "parts", "net": [32, 32], "batch_size": 256, "horizon": 3, "executed": 2, "learning_rate": 5e-3}
@@ -238,16 +236,15 @@ def test_images_are_learned_from(tmp_path):
 def test_a_data_set_of_several_parts_is_learned_from(tmp_path):
     environment, name = {"randomize": {"parts": [2, 4]}}, "vibgym/sort/planner-v0"
     policy = {"kind": "planner", "law": "pose", "action": "wrench"}
-    made = {"dataset": name, "task": "Sort", "observation": "parts", "episodes": 3, "worlds": 3, "policy": policy,
+    data = {"dataset": name, "task": "Sort", "observation": "parts", "episodes": 3, "worlds": 3, "policy": policy,
             "directory": str(tmp_path), "environment": environment}  # fmt: skip
-    record(RecordSettings.model_validate(made), quiet=True)
-    for method in ("cloning", "iql"):
-        settings = given(tmp_path, steps=3, dataset=name, method=method)
-        settings |= {"task": "Sort", "environment": {**WRENCH, **environment}}
-        with Training(settings_from(settings), tmp_path / method, quiet=True) as training:
-            data = training.learner.data
-            assert data.rows.shape[1] == data.action.shape[1] == 6 and 2 <= data.mask[0].sum() <= 4
-            assert load_set(training.run(), KIND, VERSION)[1]["training"]["data"]["episodes"] == 3
+    record(RecordSettings.model_validate(data), quiet=True)
+    settings = given(tmp_path, steps=3, dataset=name, method="iql")
+    settings |= {"task": "Sort", "environment": {**WRENCH, **environment}}
+    with Training(settings_from(settings), tmp_path / "run", quiet=True) as training:
+        data = training.learner.data
+        assert data.rows.shape[1] == data.action.shape[1] == 6 and 2 <= data.mask[0].sum() <= 4
+        assert load_set(training.run(), KIND, VERSION)[1]["training"]["data"]["episodes"] == 3
 
 
 def with_scene(**changes):

@@ -1,32 +1,30 @@
 """Training runs: exact resume, curricula, several seeds, user-registered networks and algorithms."""
 
 import json
+import multiprocessing
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
 import pytest
-from gymnasium import spaces
 
-from agents import networks
+from agents import networks, tune
 from agents.algorithms import ALGORITHMS
 from agents.learning_curve import LearningCurve
 from agents.networks import PartsActor, PartsCritic
-from agents.train import BEST, BEST_KIND, Training, train_seeds
-from agents.training_envs import Worlds, make_worlds
+from agents.train import BEST, BEST_KIND, Training, train, train_seeds
+from agents.training_envs import Worlds
 from agents.training_file import load_settings
-from tests.agents.training.helpers import DATA, POSE, PPO, rows_of, same, trained, written
+from tests.agents.training.helpers import DATA, POSE, PPO, same, trained, written
+from tests.commands import rows_of
 from vibgym.policies.trained.networks import ACTING
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import CODINGS, KIND, VERSION
 from vibgym.settings import BaseSettings
 
 OWN = {**PPO, "n_epochs": 2, "target_kl": 0.02}
-IMITATION = {"expert": POSE, "rounds": 2, "steps": 20, "epochs": 2}
 WRENCH = {"action": "wrench"}
 LEARNED = {
     "dataset": DATA,
@@ -36,35 +34,35 @@ LEARNED = {
     "history": True,
     "dropped_columns": ["position"],
 }
-DELAYED = {"action": "field", "sensor": {"delay": 2, "dropout": 0.3, "kind": "ideal", "report": ["age"]}}
 RUNS = {
-    "field": {},
     "imitation": {
-        "environment": WRENCH, "imitation": IMITATION, "ppo": {**OWN, "history": True, "turned": True},
+        "environment": WRENCH, "imitation": {"expert": POSE, "rounds": 2, "steps": 20, "epochs": 2},
+        "ppo": {**OWN, "history": True, "turned": True},
     },
     "memory": {
-        "environment": DELAYED, "ppo": {**OWN, "turned": True, "history": 3, "history_columns": ["velocity", "age"]},
+        "environment": {"action": "field", "sensor": {"delay": 2, "dropout": 0.3, "kind": "ideal", "report": ["age"]}},
+        "ppo": {**OWN, "turned": True, "history": 3, "history_columns": ["velocity", "age"]},
     },
-    "noise": {"ppo": {**OWN, "noise_correlation": 0.9}},
-    "curriculum": {"curriculum": [{"environment": {"max_episode_steps": 20}, "until": {"steps": 384}}]},
+    "noise": {
+        "curriculum": [{"environment": {"max_episode_steps": 20}, "until": {"steps": 384}}],
+        "ppo": {**OWN, "noise_correlation": 0.9},
+    },
     "residual": {"environment": WRENCH, "residual": {"base": {"kind": "pose"}}},
-    "cloning": {"environment": WRENCH, "algorithm": "offline", "offline": LEARNED},
     "iql": {"environment": WRENCH, "algorithm": "offline", "offline": {**LEARNED, "method": "iql", "critic_net": [8]}},
     "flow": {"environment": WRENCH, "algorithm": "flow", "flow": {**LEARNED, "network": "parts"}},
 }  # fmt: skip
+JUDGING = {"episodes": 3, "every": 200}
+SERVER = multiprocessing.get_context("forkserver")
 
-pytestmark = pytest.mark.usefixtures("one_thread")
+
+def curve_of(run):
+    """Return the rows of a learning curve without their times."""
+    return [{**row, "seconds": ""} for row in rows_of(run / "curve.csv")]
 
 
 @pytest.mark.parametrize("name", RUNS)
 def test_interrupted_runs_end_with_the_same_weights(tmp_path, monkeypatch, request, name):
-    settings = {
-        "ppo": OWN,
-        "steps": 768,
-        "checkpoint_steps": 256,
-        "selection": {"episodes": 3, "every": 200},
-        **RUNS[name],
-    }
+    settings = {"ppo": OWN, "steps": 768, "checkpoint_steps": 256, "selection": JUDGING, **RUNS[name]}
     for algorithm in {"offline", "flow"} & settings.keys():
         settings[algorithm] = {**settings[algorithm], "directory": str(request.getfixturevalue("recorded"))}
     trained(tmp_path, "whole", **settings)
@@ -82,13 +80,15 @@ def test_interrupted_runs_end_with_the_same_weights(tmp_path, monkeypatch, reque
             trained(tmp_path, "broken", **settings)
     trained(tmp_path, "broken", **settings)
     assert same(tmp_path / "whole", tmp_path / "broken")
-    one, two = (rows_of(tmp_path / name / "curve.csv") for name in ("whole", "broken"))
-    assert [{**row, "seconds": ""} for row in one] == [{**row, "seconds": ""} for row in two]
+    assert curve_of(tmp_path / "whole") == curve_of(tmp_path / "broken")
 
 
 def started(config, run):
-    command = [sys.executable, "-m", "agents", "train", str(config), "--output", str(run), "--quiet"]
-    return subprocess.Popen(command, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    """Start the training in a process; processes fork from one that has imported what they need."""
+    SERVER.set_forkserver_preload(["agents.train"])
+    process = SERVER.Process(target=train, args=(config, run), kwargs={"quiet": True}, daemon=True)
+    process.start()
+    return process
 
 
 def stamps(run):
@@ -99,7 +99,7 @@ def kill_at_random(process, run):
     """Kill the process after a random number of changes of its directory, and a random time."""
     seen = stamps(run)
     for _ in range(random.randint(1, 8)):
-        while process.poll() is None:
+        while process.is_alive():
             try:
                 now = stamps(run)
             except FileNotFoundError:  # renamed between glob and stat
@@ -110,24 +110,24 @@ def kill_at_random(process, run):
             time.sleep(0.001)
     time.sleep(0.1 * random.random())
     process.kill()
-    assert process.wait() == -signal.SIGKILL
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
 
 
 @pytest.mark.full
-@pytest.mark.skipif(os.name != "posix", reason="SIGKILL")
+@pytest.mark.skipif(os.name != "posix", reason="SIGKILL and forks")
 def test_a_killed_run_ends_with_the_same_weights(tmp_path):
-    """By SIGKILL at random instants, five times."""
-    own, selection = {**OWN, "history": True}, {"episodes": 3, "every": 2000}
-    config = written(tmp_path, environment=WRENCH, steps=16_384, checkpoint_steps=256, selection=selection, ppo=own)
-    assert started(config, tmp_path / "whole").wait() == 0
-    for _ in range(5):
+    """By SIGKILL at random instants, three times."""
+    own, selection = {**OWN, "history": True}, {**JUDGING, "every": 2000}
+    config = written(tmp_path, environment=WRENCH, steps=12_288, checkpoint_steps=256, selection=selection, ppo=own)
+    train(config, tmp_path / "whole", quiet=True)
+    for _ in range(3):
         kill_at_random(started(config, tmp_path / "killed"), tmp_path / "killed")
     assert len(list(tmp_path.glob("killed/log-from-*/progress.csv"))) > 1  # of killed sessions
-    assert started(config, tmp_path / "killed").wait() == 0
+    train(config, tmp_path / "killed", quiet=True)
     runs = [tmp_path / "whole", tmp_path / "killed"]
-    curves = [[{**row, "seconds": ""} for row in rows_of(run / "curve.csv")] for run in runs]
     one, two = (load_set(run / BEST, BEST_KIND)[0] for run in runs)
-    assert curves[0] == curves[1] and same(*runs)
+    assert curve_of(runs[0]) == curve_of(runs[1]) and same(*runs)
     assert one.keys() == two.keys() and all(np.array_equal(one[name], two[name]) for name in one)
 
 
@@ -180,6 +180,25 @@ def test_training_several_seeds_shows_the_progress_of_each(tmp_path, capfd):
     assert all(f"seed {seed}" in shown for seed in (3, 4))
 
 
+TUNED = {
+    "task": "Transport", "environment": WRENCH, "steps": 256, "selection": {"episodes": 4, "every": 128},
+    "ppo": {**PPO, "n_steps": 8},
+    "tuning": {"trials": 3, "startup": 1, "space": {"ppo.learning_rate": {"low": 1.0e-4, "high": 1.0e-2, "log": True}}},
+}  # fmt: skip
+
+
+def test_an_interrupted_study_continues_and_is_the_same(tmp_path):
+    config = written(tmp_path, **TUNED)
+    whole, best = tune.tune(config, output=tmp_path / "whole", quiet=True, processes=1)
+    tune.tune(config, trials=2, output=tmp_path / "parts", quiet=True, processes=1)
+    parts, again = tune.tune(config, output=tmp_path / "parts", quiet=True, processes=1)
+    assert whole.read_text() == parts.read_text() and best is not None
+    assert (best.number, best.params, best.value) == (again.number, again.params, again.value)
+    config = written(tmp_path, **TUNED, seed=5)
+    with pytest.raises(ValueError, match="settings"):
+        tune.tune(config, output=tmp_path / "whole", quiet=True, processes=1)
+
+
 # -- registered by users -----------------------------------------------------------------------------------------------
 
 
@@ -195,7 +214,7 @@ def test_a_user_registered_network_is_trained(tmp_path, monkeypatch):
     assert json.loads(path.read_text())["network"] == "mine"
 
 
-class RandomSearch:
+class Counting:
     """An algorithm without torch: it stores how many steps it made."""
 
     class Settings(BaseSettings):
@@ -206,20 +225,17 @@ class RandomSearch:
     observation = "state"
 
     def __init__(self, settings):
+        assert settings.own.scale == 2.0
         self.action, self.steps = settings.action, 0
-        self.env = make_worlds(settings, "state")
-        assert isinstance(self.env.action_space, spaces.Box) and settings.own.scale == 2.0
 
     def learn(self, until, report):
-        self.env.reset()
         while self.steps < until:
             report({"loss": 0.0})
-            self.env.step(np.zeros((self.env.num_envs, *self.env.action_space.shape), np.float32))
-            self.steps += self.env.num_envs
+            self.steps += 8
         report({})
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        return np.zeros((len(observation), *self.env.action_space.shape), np.float32), state
+        return np.zeros((len(observation), 6), np.float32), state
 
     def save(self, directory):
         (directory / "mine.txt").write_text(str(self.steps))
@@ -231,7 +247,7 @@ class RandomSearch:
 
 
 def test_a_user_registered_algorithm_is_trained_and_continues(tmp_path, monkeypatch):
-    monkeypatch.setitem(ALGORITHMS._items, "mine", RandomSearch)
+    monkeypatch.setitem(ALGORITHMS._items, "mine", Counting)
     settings = {"algorithm": "mine", "mine": {"scale": 2.0}, "selection": {"episodes": 3, "every": 32}}
     for steps in (64, 128):
         trained(tmp_path, **settings, steps=steps)

@@ -1,5 +1,6 @@
 """Training of a correction: the hybrid is trained, evaluated, written, loaded and tabulated with its own base."""
 
+import contextlib
 import json
 
 import gymnasium as gym
@@ -14,7 +15,8 @@ from agents.tabulate import tabulate
 from agents.train import train
 from agents.training_file import load_settings
 from tests.agents.training import helpers
-from tests.agents.training.helpers import POSE, rows_of
+from tests.agents.training.helpers import POSE
+from tests.commands import rows_of
 from tests.policies.helpers import info_of
 from vibgym.files import csv_text
 from vibgym.policies.registry import make_policy
@@ -22,8 +24,6 @@ from vibgym.policies.rollout import rollout
 from vibgym.policies.trained.residual import ResidualPolicy, load_correction
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import KIND, VERSION, load_trained
-
-pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def written(folder, **changes):
@@ -45,18 +45,12 @@ def hybrid(tmp_path_factory):
     return path, train(path, quiet=True, agent="Align/hybrid")
 
 
-@pytest.fixture
-def learner(tmp_path):
-    """Makes a learner with changed settings."""
-    made = []
-
-    def make(**changes):
-        made.append(PPO(load_settings(written(tmp_path, **changes), "Align/hybrid")))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
+@contextlib.contextmanager
+def learner(folder, **changes):
+    """Make a learner with changed settings."""
+    learner = PPO(load_settings(written(folder, **changes), "Align/hybrid"))
+    yield learner
+    learner.close()
 
 
 def test_the_file_has_the_base_and_loads_with_no_other(hybrid):
@@ -93,30 +87,30 @@ def test_the_table_plays_the_hybrid(hybrid, tmp_path):
     make_policy({"kind": "residual", "path": str(shipped)}, info_of("Align", action="wrench"))
 
 
-def test_a_correction_of_zero_is_evaluated_as_the_base(learner, tmp_path):
-    made = learner()
-    with torch.no_grad():
-        made.policy.actor.mean.weight.zero_()
-        made.policy.actor.mean.bias.zero_()
-    curve = LearningCurve(made.settings, tmp_path)
-    row = curve.measure(made.acting(), 0, 0.0, "ppo")
-    found = rollout(POSE, "Align", seeds=range(500_000, 500_004))
-    assert row["success"] == found.success.mean() == 1.0
-    assert row["return_"] == round(float(np.median(found.returns)), 4)
-    assert row["time_to_goal"] == round(float(np.median(found.time_to_goal)), 4)
-    assert made.env.envs[0].parts_layout[-1].name == "base"
+def test_a_correction_of_zero_is_evaluated_as_the_base(tmp_path):
+    with learner(tmp_path) as zero:
+        with torch.no_grad():
+            zero.policy.actor.mean.weight.zero_()
+            zero.policy.actor.mean.bias.zero_()
+        row = LearningCurve(zero.settings, tmp_path).measure(zero.acting(), 0, 0.0, "ppo")
+        assert zero.env.envs[0].parts_layout[-1].name == "base"
+    base = rollout(POSE, "Align", seeds=range(500_000, 500_004))
+    assert row["success"] == base.success.mean() == 1.0
+    assert row["return_"] == round(float(np.median(base.returns)), 4)
+    assert row["time_to_goal"] == round(float(np.median(base.time_to_goal)), 4)
 
 
-def test_each_scene_has_its_own_base(learner):
+def test_each_scene_has_its_own_base(tmp_path):
     disc = {"parts": [{"shape": "disc", "radius": 0.03, "friction": 0.6}]}
-    one, other = learner(scenes=[{}, disc]).env.envs
-    assert one.base.policy is not other.base.policy and other.base.policy.info.parts == other.parts != one.parts
+    with learner(tmp_path, scenes=[{}, disc]) as scenes:
+        one, other = scenes.env.envs
+        assert one.base.policy is not other.base.policy and other.base.policy.info.parts == other.parts != one.parts
 
 
-def test_a_run_starts_from_a_correction_of_the_same_base(learner, hybrid):
+def test_a_run_starts_from_a_correction_of_the_same_base(hybrid, tmp_path):
     start = str(hybrid[1])
-    weights = load_set(hybrid[1], KIND, VERSION)[0]
-    assert (learner(start=start).actor()["mean.weight"] == weights["mean.weight"]).all()
-    for residual, named in (({"base": {"kind": "pose"}, "scale": 0.4}, "scale"), (None, "residual")):
-        with pytest.raises(ValueError, match=named):
-            learner(start=start, residual=residual)
+    with learner(tmp_path, start=start) as started:
+        assert (started.actor()["mean.weight"] == load_set(hybrid[1], KIND, VERSION)[0]["mean.weight"]).all()
+    for residual, name in (({"base": {"kind": "pose"}, "scale": 0.4}, "scale"), (None, "residual")):
+        with pytest.raises(ValueError, match=name), learner(tmp_path, start=start, residual=residual):
+            pass
