@@ -194,7 +194,7 @@ def test_the_command_writes_schedules_and_a_page(tmp_path):
     config = tmp_path / "quick.yaml"
     config.write_text(
         "parts: [aluminium_block]\nhardware: [ideal]\nseconds: 1.6\nsegments: 2\nstarts: 2\npopulation: 4\n"
-        "generations: 1\nseeds: [1, 2]\njudged: 3\nprocesses: 1\n"
+        "generations: 1\nseeds: [1, 2]\nevaluated: 3\nprocesses: 1\n"
     )
     assert main([str(config), "--output", str(tmp_path / "out")]) == 0
     page = (tmp_path / "out" / "sensorless.md").read_text()
