@@ -1,6 +1,7 @@
 """Contracts of every environment with every registered name: see :mod:`tests.contracts.entries`."""
 
 import copy
+import itertools
 import math
 import pickle
 import warnings
@@ -9,11 +10,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils import performance
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from tests.contracts.entries import ENTRIES, LIMIT, Entry, is_one_line, refusal, served
-from tests.envs.helpers import assert_same
+from tests.contracts.entries import DISC, ENTRIES, LIMIT, REGISTRIES, Entry, Scene, is_one_line, refusal, served
+from tests.envs.helpers import assert_same, batch
+from vibgym.simulation import threads as workers
 
 WORLDS, STEPS = 3, 2 * LIMIT + 2  # the third episode has begun
 REPRESENTATIVE = (
@@ -23,11 +26,22 @@ REPRESENTATIVE = (
     Entry("id", "vibgym/AlignShapes-v0"),
     Entry("other", "everything at once"),
     Entry("other", "every effect"),
+    Entry("other", "success"),
+    Entry("other", "a fall"),
+    Entry("other", "a fall of one of several"),
+    Entry("other", "drawn shapes, randomized"),
     Entry("actuators", "prototype"),
 )
 """Tried in every autoreset mode; the others in one."""
 
+ENDS = {"success": "is_success", "a fall": "fallen", "a fall of one of several": "fallen"}
+"""Entries whose episodes end before their limit, and the reason."""
+
+OF_SPACES = ("id", "other", "task", "action", "observation", "actuators", "sensor", "estimator")
+"""Kinds of entries that may change spaces, features or the reading of actions."""
+
 everywhere = pytest.mark.parametrize("entry", ENTRIES, ids="-".join)
+in_spaces = pytest.mark.parametrize("entry", [entry for entry in ENTRIES if entry.of in OF_SPACES], ids="-".join)
 
 
 def actions_for(env, steps=STEPS, seed=5, most=1.0):
@@ -62,7 +76,7 @@ def test_the_env_checker_of_gymnasium(entry, monkeypatch):
             check_env(scene.single().unwrapped, skip_render_check=entry.of != "id")
 
 
-@everywhere
+@in_spaces
 def test_the_env_checker_of_stable_baselines(entry):
     """With warnings as errors."""
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
@@ -70,7 +84,7 @@ def test_the_env_checker_of_stable_baselines(entry):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             space = scene.single().observation_space
-            shapes = [each.shape for each in getattr(space, "spaces", {"": space}).values()]
+            shapes = [part.shape for part in getattr(space, "spaces", {"": space}).values()]
             # Stable-Baselines3 warns of spaces other than vectors and images of at least 36 pixels.
             known = all(len(shape) == 1 or (len(shape) == 3 and min(shape[:2]) >= 36) for shape in shapes)
             checker.check_env(scene.single().unwrapped, warn=known, skip_render_check=True)
@@ -82,7 +96,7 @@ def test_the_env_checker_of_stable_baselines(entry):
         *((entry, AutoresetMode.SAME_STEP) for entry in ENTRIES if entry not in REPRESENTATIVE),
         *((entry, mode) for entry in REPRESENTATIVE for mode in AutoresetMode),
     ],
-    ids=lambda each: getattr(each, "value", "-".join(each) if isinstance(each, Entry) else None),
+    ids=lambda value: getattr(value, "value", "-".join(value) if isinstance(value, Entry) else None),
 )
 def test_batch_equals_single_environments_and_keeps_returned_arrays(entry, mode):
     """Bit for bit, world k with seed s + k, across ends of episodes; returned arrays are never overwritten."""
@@ -92,13 +106,15 @@ def test_batch_equals_single_environments_and_keeps_returned_arrays(entry, mode)
         returned = [native.reset(seed=11)]
         kept = copy.deepcopy(returned)
         assert_same(kept[0], sync.reset(seed=11), "reset")
-        ended = 0
+        ended, reasons = 0, 0
         for step, action in enumerate(actions_for(native, most=1.5)):
             returned.append(native.step(action))
             kept.append(copy.deepcopy(returned[-1]))
             assert_same(kept[-1], sync.step(action), f"{scene}, step {step}")
             done = returned[-1][2] | returned[-1][3]
             ended += done.sum()
+            final = returned[-1][4].get("final_info", returned[-1][4])
+            reasons += final[ENDS.get(entry.name, "is_success")][done].sum()
             for world in np.flatnonzero(done) if mode is AutoresetMode.DISABLED else ():  # one after the other
                 mask = np.arange(WORLDS) == world
                 returned.append(native.reset(options={"reset_mask": mask}))
@@ -106,10 +122,10 @@ def test_batch_equals_single_environments_and_keeps_returned_arrays(entry, mode)
                 # SyncVectorEnv takes the mask out of the mapping it is given.
                 assert_same(kept[-1], sync.reset(options={"reset_mask": mask.copy()}), f"{scene}, after step {step}")
         assert_same(returned, kept)
-        assert ended >= WORLDS
+        assert ended >= WORLDS and (entry.name not in ENDS or reasons >= WORLDS)
 
 
-@everywhere
+@in_spaces
 def test_spaces_hold_what_is_returned(entry):
     """Gymnasium's passive checks, which it lacks for native batches; the reward is the sum of its terms."""
     for scene in served(entry):
@@ -167,16 +183,19 @@ def test_a_specification_survives_json_and_seeds_reproduce(entry):
             spec = EnvSpec.from_json(env.spec.to_json())
             assert spec == env.spec
             actions, (one, two) = actions_for(env, 4), (env, again(spec))
-            assert_same(one.reset(seed=3), two.reset(seed=3))
+            start = one.reset(seed=3)
+            assert_same(two.reset(seed=3), start)
             returned = played(one, actions)
             kept = copy.deepcopy(returned)
             assert_same(played(two, actions), returned)
             played(one, actions)
             assert_same(returned, kept)  # nothing that was returned is overwritten
+            assert_same(one.reset(seed=3), start)  # nothing is left of the episode before
+            assert_same(played(one, actions), returned)
         assert_same(scene, before)  # settings that are given are not changed
 
 
-@everywhere
+@in_spaces
 def test_every_feature_has_one_name_unit_and_range(entry):
     """Also for observations other than the environment's, by ``observed``."""
     for scene in served(entry):
@@ -194,7 +213,7 @@ def test_every_feature_has_one_name_unit_and_range(entry):
         assert {row.part for row in env.observation_layout} - {None} == set(range(len(env.parts)))
 
 
-@everywhere
+@in_spaces
 def test_actions_are_accepted_flat_or_shaped_and_clipped(entry):
     """Flat in C order, as lists and as arrays; finite values outside [-1, 1] are clipped."""
     for scene in served(entry):
@@ -247,7 +266,7 @@ def bad_actions(shape):
     yield from ((str(kind), good.astype(kind)) for kind in (str, bool, complex, object))
 
 
-@everywhere
+@in_spaces
 def test_bad_actions_are_refused_and_no_world_moves(entry):
     for scene in served(entry):
         one, many = scene.single().unwrapped, scene.batch(2).unwrapped
@@ -264,12 +283,71 @@ def test_bad_actions_are_refused_and_no_world_moves(entry):
         assert_same((one.get_state(), many.get_state()), before)
 
 
-@pytest.mark.parametrize("entry", [each for each in ENTRIES if each.of not in ("id", "other")], ids="-".join)
-def test_bad_settings_are_refused_in_one_line(entry):
-    argument = {"estimator": "sensor"}.get(entry.of, entry.of)
-    scene = served(entry)[0]
-    for bad in ({"colour": 1}, {"kind": "no such"}, "no such", 3, None, [], math.nan):
-        value = {"kind": "pose", "estimator": bad} if entry.of == "estimator" else bad
+SETTINGS_OF = {
+    **{of: lambda value, of=of: {of: value} for of in ("task", "action", "observation", "actuators", "sensor")},
+    **{of: lambda value, of=of: {of: value} for of in ("start", "model")},
+    "estimator": lambda value: {"sensor": {"kind": "pose", "estimator": value}},
+    "effect": lambda value: {"sensor": {"kind": "camera", "effects": value}},
+    "contacts": lambda value: {"model": {"kind": "planar", "contacts": value}},
+    "friction law": lambda value: {"parts": [{**DISC, "friction_law": value}]},
+    "cost": lambda value: {"costs": value},
+    "path": lambda value: {"paths": [value]},
+}  # fmt: skip
+"""Keyword arguments that choose a registered name."""
+OPTIONAL = ("start", "friction law", "cost")
+"""Those of them that may be None."""
+
+
+@pytest.mark.parametrize("of", ["task", *REGISTRIES])
+def test_bad_settings_are_refused_in_one_line(of):
+    scene = served(next(entry for entry in ENTRIES if entry.of == of))[0]
+    for bad in ({"colour": 1}, {"kind": "no such"}, "no such", 3, math.nan, [3], *([] if of in OPTIONAL else [None])):
+        argument, value = next(iter(SETTINGS_OF[of](bad).items()))
         with pytest.raises(ValueError) as error:
             scene.single(**{argument: value})
-        assert is_one_line(str(error.value), argument)
+        assert is_one_line(str(error.value), "friction_law" if of == "friction law" else argument)
+
+
+# -- batches -------------------------------------------------------------------------------------------------------------
+
+
+def rows(record, chosen):
+    """Observation, reward and ends of the chosen worlds."""
+    return [record[0][0][chosen], *([values[chosen] for values in results[:4]] for results in record[1:])]
+
+
+@pytest.mark.parametrize("scene, worlds", [
+    (Scene("vibgym/Rotate-v0", {"action": "patch"}), 250),
+    *((Scene("vibgym/SortCrowded-v0", settings), 40) for settings in (
+        {"action": "field", "randomize": {"parts": [2, 6]}}, {"action": "velocity"}, {"action": "target"},
+    )),
+    (Scene("vibgym/AlignShapes-v0", {"action": "velocity"}), 250),
+])  # fmt: skip
+def test_results_depend_neither_on_batch_size_nor_on_order_nor_on_threads(scene, worlds, monkeypatch):
+    def trajectory(env, seeds, actions):
+        return [env.reset(seed=seeds), *played(env, actions)]
+
+    made = lambda count: scene.batch(count, max_episode_steps=4)  # noqa: E731
+    seeds = list(range(300, 300 + worlds))
+    actions = actions_for(made(worlds), 6, seed=8)
+    whole = trajectory(made(worlds), seeds, actions)
+    for chosen in ([0], [worlds - 1], [worlds - 7, 5], list(range(20))[::-1]):
+        part = trajectory(made(len(chosen)), [seeds[k] for k in chosen], actions[:, np.array(chosen)])
+        assert_same(rows(part, slice(None)), rows(whole, chosen))
+    for threads in (1, 2, 5):
+        monkeypatch.setattr(workers, "available_threads", lambda threads=threads: threads)
+        env = made(worlds)
+        assert (len(env.core.simulator.blocks.edges) > 1) == (threads > 1)
+        assert_same(trajectory(env, seeds, actions), whole)
+
+
+@pytest.mark.skipif(not hasattr(performance, "benchmark_vector_step"), reason="Gymnasium 1.4 brought it")
+@pytest.mark.parametrize("task", ["Align", "AlignShapes", "Sort"])
+@pytest.mark.parametrize("mode, resets", [("NextStep", 3), ("SameStep", 0), ("Disabled", 0)])
+def test_the_benchmark_of_gymnasium_counts_steps(task, mode, resets, monkeypatch):
+    """In NextStep mode, each of the three resets in 21 calls takes a call of its own."""
+    envs = batch(task, WORLDS, action="velocity", autoreset_mode=mode, max_episode_steps=5)
+    seconds = itertools.count()
+    monkeypatch.setattr(performance.time, "time", lambda: float(next(seconds)))  # each call takes a second
+    throughput = performance.benchmark_vector_step(envs, target_duration=20, seed=0)
+    assert throughput == WORLDS * (21 - resets) / 21

@@ -7,10 +7,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.contracts.entries import IDS, SEVERAL, is_one_line
+from tests.contracts.entries import IDS, is_one_line
 from tests.policies.trained.helpers import actor_tensors, policy_file
 from vibgym.policies.classical.law import laws
-from vibgym.policies.classical.measured import Measured
 from vibgym.policies.registry import make_policy, settings_of
 from vibgym.policies.task_info import POLICIES, TaskInfo
 from vibgym.policies.trained.coding import Coding
@@ -55,7 +54,7 @@ def policy_of(case, name, folder):
     if kind in FILES:
         arguments = {**arguments, "path": str(FILES[kind]).format(folder=folder, task="{task}")}
     if kind == "by_task":
-        arguments = {gym.spec(each).name: "zero" for each in IDS}
+        arguments = {gym.spec(id).name: "zero" for id in IDS}
     if kind == "parallel_rollout":
         arguments = {"policies": ["planner", {"kind": "planner", "soft": 1.0}], "every": 2, "horizon": 3}
     try:
@@ -71,14 +70,14 @@ def policy_info(name):
 
 @controllers
 def test_a_policy_accepts_a_task_or_refuses_it_in_one_line(case, folder):
-    found = [policy_of(case, name, folder) for name in IDS]
-    assert any(not isinstance(each, str) for each in found)
-    assert all(is_one_line(each) for each in found if isinstance(each, str))
+    policies = [policy_of(case, name, folder) for name in IDS]
+    refusals = [policy for policy in policies if isinstance(policy, str)]
+    assert len(refusals) < len(IDS) and all(map(is_one_line, refusals))
 
 
 def rows_of(seen, chosen):
     """Return some worlds of a batch of observations."""
-    return {key: each[chosen] for key, each in seen.items()} if isinstance(seen, dict) else seen[chosen]
+    return {key: values[chosen] for key, values in seen.items()} if isinstance(seen, dict) else seen[chosen]
 
 
 @controllers
@@ -121,27 +120,3 @@ def test_unknown_arguments_are_refused(case, bad, folder):
     with pytest.raises(ValueError) as error:
         make_policy({"kind": case[0], **case[1], **bad}, policy_info("vibgym/Align-v0"))
     assert is_one_line(str(error.value), *bad)
-
-
-@pytest.mark.parametrize("name", laws())
-@pytest.mark.parametrize("scene", ["vibgym/Align-v0", SEVERAL])
-def test_laws_compute_batches_row_by_row(name, scene):
-    """Wanted accelerations and memory of a world do not depend on other worlds."""
-    info = policy_info(scene)
-    law = laws()[name](info)
-    assert law.lead > 0.0 and law.slack >= 0.0
-    env = gym.make_vec(scene, num_envs=WORLDS, action="field")
-    seen, _ = env.reset(seed=1)
-    worlds = [slice(None), *(slice(k, k + 1) for k in range(WORLDS))]
-    memories = [law.initial(WORLDS if k == 0 else 1) for k in range(len(worlds))]
-    for _ in range(STEPS):
-        wants = []
-        for k, chosen in enumerate(worlds):
-            measured = Measured.of(seen[chosen], info)
-            want, memory = law.wanted(measured, measured.displacement, measured.heading_error, memories[k])
-            assert want.shape == (*measured.present.shape, 3)
-            memories[k] = law.applied(measured, 0.5 * np.nan_to_num(want), memory)
-            wants.append(want)
-        assert np.concatenate(wants[1:]) == pytest.approx(wants[0], rel=1e-9, abs=1e-9, nan_ok=True)
-        seen, *_ = env.step(env.action_space.sample() * 0.3)
-    env.close()

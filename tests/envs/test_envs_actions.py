@@ -1,4 +1,4 @@
-"""Actions: phasors of all elements, and invalid actions."""
+"""Actions: phasors of all elements."""
 
 import math
 
@@ -29,24 +29,15 @@ def values_for(action, seed, low=-1.0, high=1.0):
     return np.random.default_rng(seed).uniform(low, high, shape).astype(np.float32)
 
 
-def test_element():
+@pytest.mark.parametrize("surface", [{}, {"max_amplitude": 0.1e-3}])
+def test_element(surface):
+    """Amplitudes are relative to the largest allowed one."""
     values = values_for("element", 1)
-    phasors, _ = stepped("element", values)
+    phasors, _ = stepped("element", values, surface=surface)
     amplitude, phase = 0.5 * (1.0 + values[..., 0].astype(float)), math.pi * values[..., 1].astype(float)
     expected = np.stack([amplitude * np.cos(phase), amplitude * np.sin(phase)], axis=-1)
     assert phasors == pytest.approx(expected, abs=1e-14)
     assert (stepped("element", np.full_like(values, -1.0))[0] == 0.0).all()  # the lowest amplitude is rest
-
-
-def test_element_amplitude_is_relative_to_the_largest_allowed():
-    surface = {"max_amplitude": 0.1e-3}
-    env = single("Rotate", action="element", surface=surface)
-    env.reset(seed=0)
-    env.step(np.ones((8, 32, 2), dtype=np.float32))
-    core = env.unwrapped.core
-    assert core.surface.full_scale == pytest.approx(0.1e-3 * (2 * math.pi * 25.0) ** 2)
-    assert core.drive.full_scale == core.surface.full_scale
-    assert np.hypot(*core.phasors(0)[0, 0]) == pytest.approx(1.0)
 
 
 def test_phasor_in_the_unit_disc():
@@ -57,13 +48,11 @@ def test_phasor_in_the_unit_disc():
     assert phasors == pytest.approx(values.astype(float) / np.maximum(length, 1.0), abs=1e-6)
 
 
-POSES = [[0.4, 0.1, 0.3], [0.014, 0.012, 0.0], [0.82, 0.2, 1.0], [0.026 * 5, 0.026 * 3, 0.7], [0.3, 0.004, 2.0]]
-
-
-@pytest.mark.parametrize("pose", POSES)
-@pytest.mark.parametrize("seed", [3, 4])
-def test_patch(pose, seed):
-    values = values_for("patch", seed)
+@pytest.mark.parametrize("pose", [
+    [0.4, 0.1, 0.3], [0.014, 0.012, 0.0], [0.82, 0.2, 1.0], [0.026 * 5, 0.026 * 3, 0.7], [0.3, 0.004, 2.0],
+])  # fmt: skip
+def test_patch(pose):
+    values = values_for("patch", 3)
     assert values.shape == (1, PATCH, PATCH, 2)
     phasors, pose = stepped("patch", values, pose)
     length = np.maximum(np.hypot(values[0, ..., 0], values[0, ..., 1]), 1.0)[..., None]
@@ -71,11 +60,10 @@ def test_patch(pose, seed):
     # The patch's centre is the corner (even k) nearest to the part's centre.
     first_column, first_row = round(pose[0] / SIZE) - PATCH // 2, round(pose[1] / SIZE) - PATCH // 2
     assert abs((first_column + PATCH / 2) * SIZE - pose[0]) <= SIZE / 2 + 1e-12
-    for i in range(PATCH):
-        for j in range(PATCH):
-            row, column = first_row + i, first_column + j
-            if 0 <= row < 8 and 0 <= column < 32:
-                expected[row, column] = values[0, i, j] / length[i, j]
+    for i, j in np.ndindex(PATCH, PATCH):
+        row, column = first_row + i, first_column + j
+        if 0 <= row < 8 and 0 <= column < 32:
+            expected[row, column] = values[0, i, j] / length[i, j]
     assert phasors == pytest.approx(expected, abs=1e-6)
 
 
@@ -109,39 +97,9 @@ def sum_of_fields(strength, centre, surface):
     return field.phasors(surface)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_field(seed):
     strength = values_for("field", seed)[0] * (1.0 if seed % 2 else 0.3)
     phasors, pose = stepped("field", strength[None].astype(np.float32))
     expected = sum_of_fields(strength.astype(np.float32).astype(float), pose, Surface())
     assert phasors == pytest.approx(expected, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    "index, sign, component", [(0, 1, 0), (0, -1, 0), (1, 1, 1), (1, -1, 1), (5, 1, 2), (5, -1, 2)]
-)
-def test_basic_fields_move_the_part_as_named(index, sign, component):
-    env = single("Rotate", action="field")
-    env.reset(seed=1)
-    start = np.array([0.4, 0.104, 0.0])
-    put(env, start)
-    action = np.zeros((1, 6), dtype=np.float32)
-    action[0, index] = sign
-    for _ in range(10):
-        env.step(action)
-    moved = env.unwrapped.core.simulator.pose[0, 0] - start
-    assert sign * moved[component] > (0.02 if component < 2 else 0.5)
-    across = np.delete(moved[:2], component) if component < 2 else moved[:2]
-    assert np.abs(across).max() < 0.25 * (abs(moved[component]) if component < 2 else 0.02)
-
-
-def test_squeeze_fields_bring_the_part_to_rest_over_the_centre_of_the_field():
-    """Squeeze and radial fields are centred on the part, so alone they do not move it away."""
-    env = single("Align", action="field")
-    env.reset(seed=1)
-    put(env, [0.4, 0.104, 0.2])
-    action = np.zeros((1, 6), dtype=np.float32)
-    action[0, [2, 3, 4]] = 1.0
-    for _ in range(25):
-        env.step(action)
-    assert np.hypot(*(env.unwrapped.core.simulator.pose[0, 0, :2] - [0.4, 0.104])) < 0.010

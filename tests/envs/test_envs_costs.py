@@ -1,11 +1,16 @@
-"""Costs beside the reward: closed forms, weights, parity, snapshots, custom costs."""
+"""Costs beside the reward: closed forms, weights, custom costs; and contacts in observations."""
 
 import gymnasium as gym
 import numpy as np
 import pytest
+import shapely
+from shapely import affinity
+from shapely.ops import nearest_points
 
+from tests.envs.helpers import batch
 from vibgym.adapters.safety import SafetyEnv
 from vibgym.envs.costs import COSTS, Cost
+from vibgym.envs.features import RowLayout
 
 ALL = {"impulse": 2.0, "fallen": 10.0, "clearance": {"weight": 0.1, "below_mm": 8}, "effort": 0.5}
 DISC = {"shape": "disc", "radius_mm": 20, "friction": 0.58, "mass": 0.1, "name": "disc", "restitution": 0.5}
@@ -16,13 +21,6 @@ def two_discs(gap=0.05, **settings):
     pose = [[0.3, 0.1, 0.0], [0.34 + gap, 0.1, 0.0]]
     _, info = env.reset(seed=0, options={"pose": pose})
     return env, info
-
-
-def test_nothing_is_reported_unless_asked_for():
-    env = gym.make("vibgym/Sort-v0")
-    env.reset(seed=0)
-    info = env.step(env.action_space.sample())[-1]
-    assert "cost" not in info and "costs" not in info and "cost" not in info["parts"]
 
 
 def test_effort_is_the_mean_square_amplitude():
@@ -64,34 +62,26 @@ def test_fallen_parts_cost_at_the_step_of_the_fall():
     while not ended:
         _, _, ended, _, info = env.step(action)
     assert info["fallen"] and info["costs"]["fallen"] == 1.0
-    total = sum(
-        (each["weight"] if isinstance(each, dict) else each) * info["costs"][name] for name, each in ALL.items()
-    )
+    weights = {**ALL, "clearance": 0.1}
+    total = sum(weight * info["costs"][name] for name, weight in weights.items())
     assert info["cost"] == pytest.approx(total, rel=1e-12)
     assert info["parts"]["cost"].sum() == pytest.approx(total, rel=1e-12)
 
 
-def random_steps(env, steps, seed=0):
-    draw = np.random.default_rng(seed)
-    return [env.step(draw.uniform(-1, 1, env.action_space.shape).astype(np.float32)) for _ in range(steps)]
-
-
 def test_longer_steps_add_up_and_do_not_change_the_motion():
-    settings = {"action": "velocity", "start": "crowded"}
-    plain = gym.make("vibgym/Sort-v0", periods_per_step=3, **settings)
-    env = gym.make("vibgym/Sort-v0", periods_per_step=3, costs=ALL, **settings)
-    np.testing.assert_array_equal(plain.reset(seed=3)[0], env.reset(seed=3)[0])
-    for one, other in zip(random_steps(plain, 6), random_steps(env, 6), strict=True):
-        np.testing.assert_array_equal(one[0], other[0])
-    short = gym.make("vibgym/Sort-v0", costs=ALL, start="crowded", action="element")
-    long = gym.make("vibgym/Sort-v0", costs=ALL, start="crowded", action="element", periods_per_step=3)
-    short.reset(seed=3)
-    long.reset(seed=3)
+    settings = {"start": "crowded", "action": "element"}
+    short = gym.make("vibgym/Sort-v0", costs=ALL, **settings)
+    plain, long = (gym.make("vibgym/Sort-v0", costs=costs, periods_per_step=3, **settings) for costs in (None, ALL))
+    for env in (short, plain, long):
+        env.reset(seed=3)
     for seed in range(4):
         action = np.random.default_rng(seed).uniform(-1, 1, short.action_space.shape).astype(np.float32)
-        three, once = [short.step(action)[-1]["costs"] for _ in range(3)], long.step(action)[-1]["costs"]
+        three, seen, same = [short.step(action)[-1]["costs"] for _ in range(3)], long.step(action), plain.step(action)
+        np.testing.assert_array_equal(seen[0], same[0])
+        assert "cost" not in same[-1] and "costs" not in same[-1] and "cost" not in same[-1]["parts"]
+        once = seen[-1]["costs"]
         for name in ("impulse", "effort"):
-            assert once[name] == pytest.approx(sum(each[name] for each in three), rel=1e-12)
+            assert once[name] == pytest.approx(sum(costs[name] for costs in three), rel=1e-12)
         assert once["impulse"] > 0.0 and once["clearance"] == 3 * three[-1]["clearance"]
 
 
@@ -100,10 +90,10 @@ def test_a_custom_cost(monkeypatch):
         by_part = False
 
         class Settings(Cost.Settings):
-            least: int = 3
+            least: float = 3.0
 
         def measure(self, now):
-            return (now.present.sum(axis=1) >= self.settings.least).astype(float)
+            return np.where(now.present.sum(axis=1) >= self.settings.least, 1.0, np.inf)
 
     monkeypatch.setitem(COSTS._items, "crowd", Crowd)
     env = gym.make("vibgym/Sort-v0", costs={"crowd": {"weight": 2.0, "least": 4}}, action="velocity")
@@ -111,43 +101,57 @@ def test_a_custom_cost(monkeypatch):
     info = env.step(np.zeros(18))[-1]
     assert info["costs"] == {"crowd": 1.0} and info["cost"] == 2.0
     assert info["parts"]["cost"].tolist() == pytest.approx([1 / 3] * 6)
-
-
-@pytest.mark.parametrize(("costs", "named"), [
-    ({}, "costs"),
-    (3, "costs"),
-    ({"impulses": 1.0}, "did you mean 'impulse'"),
-])  # fmt: skip
-def test_bad_settings_are_one_error(costs, named):
-    with pytest.raises(ValueError, match=named) as error:
-        gym.make("vibgym/Sort-v0", costs=costs)
-    assert "\n" not in str(error.value)
-
-
-def test_the_safety_interface_requires_costs():
-    with pytest.raises(ValueError, match="costs"):
-        SafetyEnv("vibgym/Sort-v0")
-    with pytest.raises(ValueError, match="require the id"):
-        SafetyEnv(gym.make("vibgym/Sort-v0", costs=ALL), action="velocity")
+    env = gym.make("vibgym/Sort-v0", costs={"crowd": {"weight": 1.0, "least": 7}}, action="velocity")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="cost 'crowd'"):  # not finite
+        env.step(np.zeros(18))
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_batches_with_drawn_shapes_have_costs(mode):
+def test_the_safety_interface_returns_the_cost_of_the_step(mode):
+    """Also of finished worlds, and with drawn shapes."""
     settings = {"action": "velocity", "costs": {"effort": 1.0}, "max_episode_steps": 2, "autoreset_mode": mode}
     env = SafetyEnv(gym.make_vec("vibgym/AlignShapes-v0", num_envs=2, **settings))
     env.reset(seed=0)
     for _ in range(2):
-        cost = env.step(np.ones((2, 3), np.float32))[2]
+        *_, info = seen = env.step(np.ones((2, 3), np.float32))
+        cost = seen[2]
         assert cost.shape == (2,) and (cost > 0.0).all()
+        assert (cost == info.get("final_info", info)["cost"]).all()
+    with pytest.raises(ValueError, match="costs"):
+        SafetyEnv("vibgym/Sort-v0")
+    with pytest.raises(ValueError, match="require the id"):
+        SafetyEnv(env.env, action="velocity")
 
 
-def test_costs_that_are_not_finite_are_refused(monkeypatch):
-    class Endless(Cost):
-        def measure(self, now):
-            return np.where(now.present, np.inf, 0.0)
-
-    monkeypatch.setitem(COSTS._items, "endless", Endless)
-    env = gym.make("vibgym/Sort-v0", costs={"endless": 1.0}, action="velocity")
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match="cost 'endless'"):
-        env.step(np.zeros(18))
+def test_observations_contain_contacts():
+    env = batch(
+        "Push", 16, action="wrench", observation="parts_and_state", sensor={"kind": "ideal", "report": ["contacts"]}
+    ).unwrapped
+    observation, _ = env.reset(seed=0)
+    parts, touched = env.parts, 0
+    rows, blocks = RowLayout.of(env.task), env.core.observation.layout
+    action = np.zeros((16, 3, 3), dtype=np.float32)
+    for _ in range(60):
+        way = env.truth.pose[:, 2:, :2] - env.truth.pose[:, :2, :2]
+        action[:, :2, :2] = way / np.abs(way).max(axis=-1, keepdims=True)
+        observation, *_ = env.step(action)
+        normal = rows.numbers(observation["parts"], "contact_normal")
+        impulse = rows.quantity(observation["parts"], "contact_impulse")
+        assert (normal == blocks.numbers(observation["state"], "contact_normal")).all()
+        mass = [[part.mass] for part in parts]
+        assert impulse * mass == pytest.approx(env.core.simulator.contact_impulse, abs=2e-6)
+        touched += (np.abs(impulse[:, 2]).max(axis=-1) > 0.02 * env.surface.table_speed).sum()
+    assert touched > 100
+    for world in range(16):
+        pose = env.truth.pose[world]
+        shapes = [
+            affinity.translate(affinity.rotate(shapely.Polygon(part.outline), turn, (0, 0), use_radians=True), x, y)
+            for part, (x, y, turn) in zip(parts, pose, strict=True)
+        ]
+        nearest = min((0, 1), key=lambda k: shapes[2].distance(shapes[k]))
+        mine, theirs = nearest_points(shapes[2], shapes[nearest])
+        way = np.array([theirs.x - mine.x, theirs.y - mine.y])
+        if np.hypot(*way) > 0.002:  # shapely has no normal for touching outlines
+            # A disc's outline is a polygon for shapely.
+            assert normal[world, 2] == pytest.approx(way / np.hypot(*way), abs=0.06)

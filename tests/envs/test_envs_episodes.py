@@ -1,26 +1,46 @@
-"""Ends of episodes, and rewards."""
+"""Registered environments, ends of episodes, and steps of several periods. Scores of given states: see ``tests/tasks``."""
 
 import math
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.envs.helpers import SMALL, TASKS, batch, goal, put, single, sorted_pose, still
+from tests.envs.helpers import TASKS, batch, goal, put, single, sorted_pose, still
+from vibgym.envs import VibgymEnv, VibgymVectorEnv
+from vibgym.registration import ENVIRONMENTS, register_environments
 
-ONE = {
-    "distance": (-1, 1), "approach": (-1, 1), "turn": (-1, 1), "alignment": (-1, 1), "inside": (0, 0.1),
-    "time": (-0.02, 0), "success": (0, 5), "fallen": (-5, 0),
-}  # fmt: skip
-SEVERAL = {
-    "distance": (-1, 1), "inside": (-1, 1), "clearance": (-1, 1), "time": (-0.003, 0), "success": (0, 5), "fallen": (-5, 0),
-}  # fmt: skip
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_registered(name):
+    """``docs/environments`` states limits; parts of different kinds are mixed, not one kind after the other."""
+    spec, (limit, _) = gym.registry[f"vibgym/{name}-v0"], ENVIRONMENTS[name]
+    register_environments()
+    assert gym.registry[f"vibgym/{name}-v0"] is spec
+    env, many = single(name, action="field"), batch(name, 2, action="field")
+    assert isinstance(env.unwrapped, VibgymEnv) and isinstance(many, VibgymVectorEnv)
+    assert env.spec.max_episode_steps == many.max_episode_steps == limit
+    task, parts = env.unwrapped.task, len(env.unwrapped.parts)
+    assert env.action_space.shape == (parts * 6,) and env.observation_space.shape[0] % parts == 0
+    if name.startswith("Sort"):
+        assert parts == {"SortTwelve": 12}.get(name, 6) and env.observation_space.shape == (20 * parts,)
+        kinds = len(task.kinds)
+        assert kinds == {"SortThreeKinds": 3}.get(name, 2) and task.kind[:kinds].tolist() == list(range(kinds))
 
 
 @pytest.mark.parametrize("task", TASKS)
 def test_success_after_ten_steps_within_tolerance(task):
+    """Leaving the goal restarts the hold."""
     env = single(task, action="phasor")
     env.reset(seed=1)
-    put(env, goal(env))
+    aim = goal(env)
+    put(env, aim)
+    for _ in range(9):
+        assert not env.step(still(env))[2]
+    put(env, aim + [0.006, 0, 0])
+    _, _, terminated, _, info = env.step(still(env))
+    assert not terminated and info["reward_terms"]["inside"] == 0.0
+    put(env, aim)
     for step in range(1, 11):
         _, reward, terminated, truncated, info = env.step(still(env))
         assert (terminated, info["is_success"]) == (step == 10, step == 10), step
@@ -28,49 +48,32 @@ def test_success_after_ten_steps_within_tolerance(task):
     assert info["reward_terms"]["success"] == 5.0 and reward == pytest.approx(5.08, abs=1e-3)
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_leaving_the_goal_restarts_the_hold(task):
-    env = single(task, action="phasor")
-    env.reset(seed=1)
-    aim = goal(env)
-    put(env, aim)
-    for _ in range(9):
-        env.step(still(env))
-    put(env, aim + [0.006, 0, 0])
-    _, _, terminated, _, info = env.step(still(env))
-    assert not terminated and info["reward_terms"]["inside"] == 0.0
-    put(env, aim)
-    ends = [env.step(still(env))[2] for _ in range(10)]
-    assert ends == [False] * 9 + [True]
-
-
-def over_the_edge(env, world=0):
-    """Place one world's part at the left edge, moving outwards."""
-    put(env, [0.0005, 0.1, 0.0], [-0.5, 0, 0], world)
-
-
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ["Align", "Sort"])
 def test_a_fall_ends_the_episode_without_success(task):
+    """At its goal, in the tenth step; only the part that has fallen is penalised."""
     env = single(task, action="phasor")
     env.reset(seed=1)
-    put(env, goal(env))
+    pose = goal(env)[None] if task == "Align" else sorted_pose()
+    put(env, pose)
     for _ in range(9):
         env.step(still(env))
-    # It falls within tolerance of the goal, in the tenth step.
-    env.unwrapped.core.episode.goal[0, 0] = [0.0, 0.1, 0.0]
-    over_the_edge(env)
+    pose[-1, :2], outwards = [0.0005, 0.1], env.unwrapped.core.idle.copy()
+    outwards[..., -1, :] = [-0.5, 0.0, 0.0]
+    put(env, pose, outwards)
+    if task == "Align":
+        env.unwrapped.core.episode.goal[0, 0] = [0.0, 0.1, pose[0, 2]]
     seen, reward, terminated, truncated, info = env.step(still(env))
-    assert terminated and not truncated and info["fallen"] and not info["is_success"]
+    assert terminated and not truncated and info["fallen"] and not info["is_success"] and reward < -4.0
     assert info["reward_terms"]["fallen"] == -5.0 and info["reward_terms"]["success"] == 0.0
-    assert reward < -4.0
-    assert env.observation_space.contains(seen)
+    others, of_parts = [False] * (len(pose) - 1), info["parts"]
+    assert of_parts["fallen"].tolist() == [*others, True] and env.observation_space.contains(seen)
+    assert of_parts["reward_terms"]["fallen"].tolist() == [0.0] * len(others) + [-5.0]
+    assert of_parts["done"].tolist() == [True] * len(others) + [False]
 
 
-OBSERVED = [*((task, each) for task in TASKS for each in ("state", "goal", "image")),
-            *((task, each) for task in ("Sort", "Singulate") for each in ("state", "image"))]  # fmt: skip
-
-
-@pytest.mark.parametrize("task, observation", OBSERVED)
+@pytest.mark.parametrize("task, observation", [
+    *((task, "goal") for task in TASKS), ("Align", "state"), ("Rotate", "image"), ("Sort", "state"), ("Singulate", "image"),
+])  # fmt: skip
 def test_a_diverged_world_ends_with_finite_values(task, observation):
     env = single(task, action="phasor", observation=observation)
     env.reset(seed=1)
@@ -112,51 +115,65 @@ def test_a_diverged_world_does_not_affect_others(mode):
         assert (seen[[0, 2]] == other.step(action)[0][[0, 2]]).all()
 
 
-@pytest.mark.parametrize("task, bounds, settings", [
-    *((task, ONE, {"surface": SMALL}) for task in TASKS),
-    ("SortThreeKinds", SEVERAL, {"randomize": {"parts": [1, 6]}}), ("Singulate", SEVERAL, {"randomize": {"parts": [1, 6]}}),
-])  # fmt: skip
-def test_terms_of_the_reward_keep_their_bounds(task, bounds, settings):
-    env = batch(task, 12, action="field", max_episode_steps=25, **settings)
+def test_walls_keep_parts_on_the_table():
+    push = np.zeros((6, 6), dtype=np.float32)
+    push[:, 1] = 1.0
+    for walls, falls in (([], True), (["top"], False)):
+        env = single("Sort", action="field", walls=walls)
+        env.reset(seed=4)
+        assert any(env.step(push)[2] for _ in range(60)) == falls
+
+
+@pytest.mark.parametrize("action", ["patch", "field"])
+def test_absent_parts_have_no_commands(action):
+    env = single("Sort", action=action, randomize={"parts": [1, 1]})
     env.reset(seed=2)
-    env.action_space.seed(1)
-    generator, seen = np.random.default_rng(1), {name: set() for name in bounds}
-    for step in range(60):
-        if bounds is ONE and step % 10 == 5:  # jumps, so that progress reaches its bounds
-            put(env, generator.uniform([0, 0, -20], [0.104, 0.078, 20]), world=step % 12)
-        terms = env.step(env.action_space.sample())[4]["reward_terms"]
-        assert [name for name in terms if not name.startswith("_")] == list(bounds)
-        for name, (low, high) in bounds.items():
-            assert (terms[name] >= low).all() and (terms[name] <= high).all(), name
-            seen[name] |= set(terms[name].tolist())
-    assert {0.0, -5.0} <= seen["fallen"]
-    assert len(seen["clearance" if task == "Singulate" else "distance"]) > 100
-    assert task != "Rotate" or {-1.0, 1.0} <= seen["turn"]
+    core = env.unwrapped.core
+    (part,) = np.flatnonzero(core.episode.present[0])
+    generator = np.random.default_rng(0)
+    commands = generator.uniform(-1, 1, env.unwrapped.action_shape).astype(np.float32)
+    before = core.simulator.get_state()
+    env.step(commands)
+    moved, phasors = core.simulator.pose[0, part], core.phasors(0)
+    assert (np.hypot(*np.moveaxis(phasors, -1, 0)) > 0).sum() == (16 if action == "patch" else 256)
+    others = generator.uniform(-1, 1, env.unwrapped.action_shape).astype(np.float32)
+    others[part] = commands[part]
+    core.simulator.set_state(before)
+    env.step(others)
+    assert (core.simulator.pose[0, part] == moved).all() and (core.phasors(0) == phasors).all()
+    alone = single("Sort", action=action, parts=["steel_block" if part % 2 == 0 else "aluminium_block"])
+    alone.reset(seed=0)
+    put(alone, before["pose"][0, [part]])
+    alone.step(commands[[part]])
+    assert alone.unwrapped.core.phasors(0) == pytest.approx(phasors, abs=1e-12)
+    # Without others the simulator divides the period differently, so results are only approximately equal.
+    assert alone.unwrapped.core.simulator.pose[0, 0] == pytest.approx(moved, abs=2e-5)
 
 
-@pytest.mark.parametrize("periods", [2, 5])
-def test_periods_per_step(periods):
-    slow, fast = single("Rotate", action="element", periods_per_step=periods), single("Rotate", action="element")
+def test_a_step_of_several_periods_equals_steps_of_one():
+    slow, fast = single("Rotate", action="element", periods_per_step=3), single("Rotate", action="element")
     slow.reset(seed=1), fast.reset(seed=1)
     slow.action_space.seed(1)
-    for step in range(3):
+    for step in range(1, 4):
         action = slow.action_space.sample()
-        seen, *_ = slow.step(action)
-        for _ in range(periods):
-            expected, *_ = fast.step(action)
-        assert (seen == expected).all()
-        assert slow.unwrapped.core.simulator.time == pytest.approx((step + 1) * periods * 0.04)
-    assert slow.unwrapped.metadata["render_fps"] == round(25 / periods)
+        seen = [env.step(action)[0] for env in (slow, fast, fast, fast)]
+        assert (seen[0] == seen[-1]).all()
+        assert slow.unwrapped.core.simulator.time == pytest.approx(step * 3 * 0.04)
 
 
-@pytest.mark.parametrize("periods", [2, 3, 9, 10, 25])
-def test_the_hold_lasts_as_long_with_longer_steps(periods):
+@pytest.mark.parametrize("settings, steps", [
+    *(({"periods_per_step": periods}, max(math.ceil(10 / periods), 2)) for periods in (2, 3, 9, 10, 25)),
+    ({"task_settings": {"hold": 25}}, 25),
+])  # fmt: skip
+def test_the_hold_lasts_as_long_with_longer_steps(settings, steps):
     """Ten periods, and never a single instant in passing."""
-    env = single("Transport", action="velocity", periods_per_step=periods)
+    env = single("Transport", action="velocity", **settings)
     env.reset(seed=1)
     put(env, goal(env))
-    ends = [env.step(still(env))[2] for _ in range(max(math.ceil(10 / periods), 2))]
-    assert ends == [False] * (len(ends) - 1) + [True]
+    assert [env.step(still(env))[2] for _ in range(steps)] == [False] * (steps - 1) + [True]
+
+
+def test_passing_the_goal_is_no_success():
     env = single("Transport", action="velocity", periods_per_step=10)
     env.reset(options={"pose": [0.2, 0.104, 0.0], "goal": [0.2818, 0.104]})
     steps = [env.step(np.array([1.0, 0.0, 0.0])) for _ in range(3)]

@@ -1,4 +1,4 @@
-"""Actions that command velocities and poses: what parts reach, where they stop, and the inverse map of the controllers."""
+"""Actions that command motions: what parts reach, where they stop, parts without allocation, and the inverse map."""
 
 import math
 
@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.envs.helpers import batch, single
-from vibgym.envs import ACTIONS
+from vibgym.envs import ACTIONS, Wrench
+from vibgym.envs.motions import BESIDE, GONE, LEFT_OUT, REASONS, SERVED
 from vibgym.policies import rollout
 from vibgym.scene.parts import shipped_part
 from vibgym.scene.surface import Surface
@@ -60,25 +61,10 @@ def test_zero_stops_a_part():
     assert np.abs(env.unwrapped.truth.mean_velocity[0, 0, :2]).max() < 1e-3
 
 
-def test_velocities_are_reached_on_the_prototype():
-    """With latency, dead zone, gain and phase errors, and an estimator."""
-    env = batch("Align", 64, action="velocity", **MACHINE)
-    env.reset(seed=3)
-    action = np.zeros((64, 1, 3), dtype=np.float32)
-    action[..., 0] = 0.6 * np.where(np.arange(64) % 2, 1.0, -1.0)[:, None]
-    mean = np.zeros((64, 1, 3))
-    for step in range(12):
-        env.step(action)
-        mean += env.unwrapped.truth.mean_velocity if step >= 8 else 0.0
-    served = ~env.unwrapped.truth.fallen
-    off = (0.25 * mean - commanded(env, action))[served][:, :2]
-    assert np.median(np.abs(off)) < 0.01 and served.sum() > 48
-
-
-@pytest.mark.parametrize("start, target", [
-    ([0.30, 0.10, 0.3], [0.36, 0.13, 0.9]), ([0.30, 0.10, 0.0], [0.30, 0.10, -1.0]), ([0.20, 0.10, 0.0], [0.60, 0.12, 0.4])
+@pytest.mark.parametrize("start, target, periods", [
+    ([0.30, 0.10, 0.3], [0.36, 0.13, 0.9], 2), ([0.30, 0.10, 0.0], [0.30, 0.10, -1.0], 1),
+    ([0.20, 0.10, 0.0], [0.60, 0.12, 0.4], 1),
 ])  # fmt: skip
-@pytest.mark.parametrize("periods", [1, 2])
 def test_a_part_goes_to_a_fixed_target_without_overshoot(start, target, periods):
     env = single("Transport", action="target", periods_per_step=periods).unwrapped
     env.reset(seed=4, options={"pose": start, "goal": [0.7, 0.05, 0.0]})
@@ -124,48 +110,40 @@ def test_controllers_find_the_action_of_an_acceleration(name, values, velocity, 
     pose = np.array([[[0.4, 0.1, 0.0]]])
     velocity = 0.2 * np.array(velocity).reshape(1, 1, 3)
     wanted = action.acceleration(np.array(values).reshape(1, 1, 3) * [0.6, 0.6, 1.0], velocity, pose)
-    found = action.values(wanted, velocity)
-    again = action.acceleration(np.clip(found, -1.0, 1.0), velocity, pose)
+    again = action.acceleration(np.clip(action.values(wanted, velocity), -1.0, 1.0), velocity, pose)
     np.testing.assert_allclose(again, wanted, rtol=1e-3, atol=2e-2 * np.abs(action.scale).max())
 
 
 @pytest.mark.parametrize("name", ["velocity", "target"])
 def test_a_controller_acts_the_same_in_motions_as_in_phasors(name):
     """It commands the same pushes by another action, so its times differ by steps at most."""
-    times = [
-        rollout({"kind": "planner", "action": each}, "Sort", seeds=range(8)).time_to_goal for each in ("phasor", name)
-    ]
+    planners = [{"kind": "planner", "action": action} for action in ("phasor", name)]
+    times = [rollout(planner, "Sort", seeds=range(8)).time_to_goal for planner in planners]
     assert np.abs(times[1] - times[0]).max() <= 0.12 and np.isfinite(times).all()
 
 
 @pytest.mark.parametrize("model", ["averaged", "tilting"])
-@pytest.mark.parametrize("name", ["velocity", "target"])
-def test_motions_in_other_models(name, model):
+def test_motions_in_other_models(model):
     """Of a rigid part, too, whose pressure is not the one that the inverse of friction assumes."""
-    env = single("Transport", action=name, model=model).unwrapped
-    env.reset(seed=1, options={"pose": [0.3, 0.1, 0.3], "goal": [0.7, 0.1, 0.0]})
-    if name == "target":
-        go_to(env, [[0.36, 0.13, 0.9]], 60)
-        np.testing.assert_allclose(env.truth.pose[0], [[0.36, 0.13, 0.9]], atol=1e-4)
-        return
-    action, seen = np.array([0.6, 0.2, 0.3]), []
+    start = {"options": {"pose": [0.3, 0.1, 0.3], "goal": [0.7, 0.1, 0.0]}, "seed": 1}
+    env = single("Transport", action="target", model=model).unwrapped
+    env.reset(**start)
+    go_to(env, [[0.36, 0.13, 0.9]], 60)
+    np.testing.assert_allclose(env.truth.pose[0], [[0.36, 0.13, 0.9]], atol=1e-4)
+    env = single("Transport", action="velocity", model=model).unwrapped
+    env.reset(**start)
+    action, velocities = np.array([0.6, 0.2, 0.3]), []
     for _ in range(12):
         env.step(action.astype(np.float32))
-        seen.append(env.truth.mean_velocity[0, 0])
-    off = (np.mean(seen[4:], axis=0) - commanded(env, action)) / env.core.action.top
+        velocities.append(env.truth.mean_velocity[0, 0])
+    off = (np.mean(velocities[4:], axis=0) - commanded(env, action)) / env.core.action.top
     assert np.abs(off).max() < 0.02
 
 
-@pytest.mark.parametrize("name", ["velocity", "target"])
-def test_parts_that_share_elements(name):
+def test_parts_that_share_elements():
     """Two parts 7 mm apart, under both of which lie the same elements, move apart and turn against each other."""
-    env = single("Singulate", action=name, parts=["aluminium_block"] * 2).unwrapped
-    start = np.array([[0.38, 0.100, 0.0], [0.437, 0.104, 0.2]])
-    env.reset(seed=1, options={"pose": start})
-    if name == "target":
-        go_to(env, start + [[-0.03, 0.0, -0.2], [0.03, 0.01, 0.2]], 60)
-        np.testing.assert_allclose(env.truth.pose[0], start + [[-0.03, 0.0, -0.2], [0.03, 0.01, 0.2]], atol=1e-4)
-        return
+    env = single("Singulate", action="velocity", parts=["aluminium_block"] * 2).unwrapped
+    env.reset(seed=1, options={"pose": [[0.38, 0.100, 0.0], [0.437, 0.104, 0.2]]})
     action = np.array([[-0.4, 0.2, 0.2], [0.4, 0.1, -0.2]])
     for _ in range(3):
         env.step(action.astype(np.float32))
@@ -186,8 +164,78 @@ def test_measured_targets_are_reached_on_the_prototype():
     assert not env.truth.fallen.any() and off[..., :2].max() < 1e-3 and off[..., 2].max() < math.radians(1.5)
 
 
-@pytest.mark.parametrize("name", ["velocity", "target"])
-def test_a_part_that_can_stick_is_rejected(name):
-    """The error names the part and advises other actions: no model would help."""
-    with pytest.raises(ValueError, match="parts='aluminium_block' requires a part that always slides.*such as 'field'"):
-        single("Align", action=name, surface={"frequency": 5.0})
+def test_parts_get_the_commanded_acceleration():
+    """By the planar model, from rest to 0.13 m/s, before parts come upon other elements."""
+    env = batch("Align", 64, action="wrench")
+    env.reset(seed=1)
+    wanted = np.random.default_rng(1).uniform(-0.35, 0.35, (64, 1, 3))
+    velocity = []
+    for _ in range(3):
+        env.step(wanted.astype(np.float32).reshape(64, 3))
+        velocity.append(env.unwrapped.truth.mean_velocity[:, 0])
+    push = 0.5 * PART.friction * 9.81
+    scale = [push, push, push / math.sqrt(PART.gyration)]
+    assert env.unwrapped.core.action.scale[0, 0] == pytest.approx(scale)  # as documented
+    off = np.abs((velocity[2] - velocity[0]) / (2 * 0.04) / scale - wanted[:, 0])
+    assert off.max() < 0.04 and np.median(off) < 0.01
+    assert np.hypot(*velocity[2][:, :2].T).max() > 0.12
+
+
+def test_several_parts_get_their_accelerations():
+    env = batch("Sort", 16, action="wrench")
+    env.reset(seed=3)
+    wanted = np.random.default_rng(3).uniform(-0.2, 0.2, (16, 6, 3))
+    velocity = []
+    for _ in range(3):
+        _, _, _, _, info = env.step(wanted.astype(np.float32))
+        velocity.append(env.unwrapped.truth.mean_velocity)
+    made = (velocity[2] - velocity[1]) / 0.04 / env.unwrapped.core.action.scale
+    assert np.median(np.abs(made - wanted)) < 0.03
+    assert (info["commanded"]["unserved"] == SERVED).all()
+
+
+def test_commands_pass_a_dead_zone():
+    """Also small ones, by elements in opposite directions."""
+    env = single("Align", action="wrench", actuators={"kind": "prototype", "gain_spread": 0.0, "phase_spread": 0.0})
+    env.reset(seed=4)
+    least = env.unwrapped.data_sheet.dead_zone / env.unwrapped.surface.max_amplitude
+    env.step(np.array([0.02, 0.0, 0.0], dtype=np.float32))
+    env.step(np.zeros(3, dtype=np.float32))
+    length = np.hypot(*env.unwrapped.phasors().reshape(-1, 2).T)
+    assert (length > 0.0).sum() >= 2 and length[length > 0.0].min() >= least * (1.0 - 1e-6)
+
+
+def test_reasons_for_resting_elements_are_reported():
+    env = single("Align", action="wrench", surface={"rows": 4, "columns": 4})
+    env.reset(seed=5)
+    done = False
+    while not done:
+        _, _, done, _, info = env.step(np.array([1.0, 0.0, 0.0], dtype=np.float32))
+    assert info["fallen"] and info["commanded"]["unserved"].tolist() in ([SERVED], [BESIDE], [GONE])
+    many = batch("Sort", 2, action="wrench", slots=7, randomize={"parts": [2, 3]})
+    many.reset(seed=6)
+    _, _, _, _, info = many.step(np.ones((2, 6, 3), dtype=np.float32))
+    there = many.unwrapped.truth.present
+    assert (info["commanded"]["unserved"] == np.where(there, SERVED, GONE)).all() and not there.all()
+    assert len(REASONS) == LEFT_OUT + 1
+
+
+class Spared(Wrench):
+    """Exclude the second part."""
+
+    def left_out(self, measurement):
+        return np.broadcast_to([False, True], measurement.gone.shape)
+
+
+def test_a_subclass_excludes_parts(monkeypatch):
+    monkeypatch.setitem(ACTIONS._items, "spared", Spared)
+    pose, moved = [[0.2, 0.1, 0.0], [0.6, 0.1, 0.0]], {}
+    for action in ("wrench", "spared"):
+        env = single("Singulate", action=action, parts=["aluminium_block"] * 2)
+        env.reset(seed=1, options={"pose": pose})
+        for _ in range(5):
+            *_, info = env.step(np.full((2, 3), 0.3, dtype=np.float32))
+        moved[action] = env.unwrapped.truth.pose[0] - pose
+        assert info["commanded"]["unserved"].tolist() == [SERVED, LEFT_OUT if action == "spared" else SERVED]
+    assert (moved["spared"][0] == moved["wrench"][0]).all() and abs(moved["wrench"][1, 0]) > 5e-3
+    assert abs(moved["spared"][1, 0]) < 5e-4 and "left out" in REASONS[LEFT_OUT]

@@ -2,6 +2,7 @@
 
 import math
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -107,7 +108,7 @@ def test_rows_agree_with_the_table(task, settings):
             others = [k for k in range(parts) if k != part and present[world, k] and not measured.gone[world, k]]
             others = sorted(others, key=lambda k: gaps[world, part, k])[:NEIGHBOURS]
             for k in range(NEIGHBOURS if several else 0):
-                near = dict.fromkeys((each.name for each in NEIGHBOUR), 0.0)
+                near = dict.fromkeys((feature.name for feature in NEIGHBOUR), 0.0)
                 if k < len(others) and not measured.gone[world, part]:
                     near = neighbour_quantities(core, measured, relations, gaps, world, part, others[k])
                     compared += 1
@@ -124,7 +125,11 @@ def test_columns_of_each_task():
         rows = single(task, observation="parts", **settings).unwrapped.parts_layout
         return {row.name for row in rows}, sum(row.width for row in rows)
 
-    own = {each.name for each in OWN}
+    own = {feature.name for feature in OWN}
+    rows = [single("Sort", surface={"rows": 8 * k, "columns": 32 * k}).unwrapped.parts_layout for k in (1, 2)]
+    assert {a.name for a, b in zip(*rows, strict=True) if a != b} == {
+        "position"
+    }  # other columns have no size of the surface
     moving = {"goal_velocity", "goal_spin", "way_ahead", "turn_ahead"}
     turning = {"turn", "turn_coarse", "turn_fine", "turn_finest"}
     measured_features, zoned = {"age", "sigma", "arrived", "contact_normal", "contact_impulse"}, {"kind", "zone"}
@@ -139,12 +144,6 @@ def test_columns_of_each_task():
     assert pushed == {f"neighbour_{k}_{name}" for k in range(1, 6) for name in ("way_far", "turn")}
     follow, size = names("Follow")
     assert follow & own == own - measured_features - zoned and size == 29 + 15 + 65
-
-
-def test_the_row_does_not_depend_on_the_surface_s_size():
-    rows = [single("Sort", surface={"rows": 8 * k, "columns": 32 * k}).unwrapped.parts_layout for k in (1, 2)]
-    different = {a.name for a, b in zip(*rows, strict=True) if a != b}
-    assert different == {"position"}
 
 
 def test_quantities_come_back():
@@ -162,27 +161,38 @@ def test_quantities_come_back():
     assert layout.quantity(rows, "neighbour_1_gap")[near][:, 0] == pytest.approx(truth.gap[near], abs=1e-6)
 
 
-def test_rows_do_not_depend_on_absent_parts():
-    """A row does not depend on the part's index, on absent parts, or on the number of slots."""
-    pose = np.array([[[0.30, 0.10, 0.3], [0.42, 0.08, -0.7], [0.55, 0.12, 2.0]]])
-    seen = {}
-    for parts, there in ((3, (0, 1, 2)), (5, (1, 3, 4))):
-        env = single("Sort", parts=["steel_block"] * parts, observation="parts", slots=parts + 1)
-        full = np.tile([0.7, 0.1, 0.0], (parts, 1))
-        full[list(there)] = pose[0]
-        rows, _ = env.reset(seed=0, options={"pose": full, "parts": list(there)})
-        seen[parts] = rows["parts"][list(there)]
-    assert_same(seen[3], seen[5])
-
-
-@pytest.mark.parametrize("task", ["Align", "Sort"])
-def test_parts_and_state_are_both_of_the_same_instant(task):
-    """Both equal the separate observations."""
+@pytest.mark.parametrize("many", [False, True])
+def test_observed_equals_an_environment_with_that_observation(many):
+    """It has no effect on the following steps."""
     settings = {"action": "wrench", "actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
-    many = batch(task, 3, observation="parts_and_state", **settings)
-    seen, _ = many.reset(seed=1)
-    for _ in range(4):
-        seen, *_ = many.step(many.action_space.sample())
-        parts = many.observed("parts")
-        assert (seen["parts"] == parts["parts"]).all() and (seen["mask"] == parts["mask"]).all()
-        assert (seen["state"] == many.observed("state")).all()
+    make = (
+        (lambda **kind: batch("Align", 3, **settings, **kind))
+        if many
+        else lambda **kind: single("Align", **settings, **kind)
+    )
+    env, others = make(observation="parts"), {}
+    for kind in ("state", "parts", "parts_and_state", "image", "goal"):
+        others[kind] = make(observation=kind)
+    seen = {kind: other.reset(seed=5)[0] for kind, other in others.items()}
+    env.reset(seed=5)
+    env.action_space.seed(5)
+    for _ in range(3):
+        for kind, expected in seen.items():
+            assert_same(env.unwrapped.observed(kind), expected)
+        action = env.action_space.sample()
+        env.step(action)
+        seen = {kind: other.step(action)[0] for kind, other in others.items()}
+
+
+def test_observations_that_cannot_be_observed():
+    env = single("Sort", observation="parts").unwrapped
+    with pytest.raises(gym.error.ResetNeeded):
+        env.observed("state")
+    env.reset(seed=0)
+    for bad, named in (("flat", "kind"), ("goal", "observation"), (None, "kind"), (3, "kind"), (["state"], "kind")):
+        with pytest.raises(ValueError, match=named):
+            env.observed(bad)
+    seeing = single("Align", sensor="camera").unwrapped
+    seeing.reset(seed=0)
+    with pytest.raises(ValueError, match="kind"):
+        seeing.observed("camera")

@@ -1,4 +1,4 @@
-"""Parts: geometry of outlines against shapely and closed forms, and bad input."""
+"""Parts: outlines and holes against shapely and closed forms, symmetry, friction, storage, and bad input."""
 
 import dataclasses
 import json
@@ -10,8 +10,9 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from shapely.geometry import MultiPoint, Polygon
 
-from vibgym import Part
+from vibgym import Part, Simulator, Surface
 from vibgym.scene import outlines
+from vibgym.scene.hulls import gaps_between
 from vibgym.scene.parts import SHIPPED, STEEL_DENSITY, kinds_of, part_from, shipped_part
 
 L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.03], [0.03, 0.03], [0.03, 0.06], [0, 0.06]]
@@ -72,15 +73,6 @@ def test_polygon_against_shapely(corners):
     )
 
 
-def test_gyration_by_monte_carlo():
-    part = Part.polygon(L_SHAPE, friction=0.5)
-    rng = np.random.default_rng(0)
-    points = rng.uniform(0, 0.06, (400_000, 2))
-    points = points[(points[:, 0] < 0.03) | (points[:, 1] < 0.03)]
-    squares = ((points - points.mean(axis=0)) ** 2).sum(axis=1)
-    assert part.gyration == pytest.approx(squares.mean(), abs=5 * squares.std() / math.sqrt(len(squares)))  # 5 sigma
-
-
 def test_rectangle():
     part = Part.rectangle(0.05, 0.03, friction=0.6)
     assert part.area == pytest.approx(0.0015, rel=1e-14)
@@ -139,13 +131,8 @@ def test_symmetry(corners, order):
 
 NOT_SIMPLE = {
     "bow tie": [[0, 0], [1, 1], [1, 0], [0, 1]],
-    "figure of eight with a shared corner": [[0, 0], [1, 1], [2, 0], [2, 2], [1, 1], [0, 2]],
-    "spike that folds back": [[0, 0], [1, 0], [2, 0], [1.5, 0], [1, 1]],
-    "corner on another edge": [[0, 0], [2, 0], [2, 2], [1, 0], [0, 2]],
-    "overlapping edges": [[0, 0], [3, 0], [3, 1], [2, 1], [2, 0], [1, 0], [1, 1], [0, 1]],
     "pentagram": regular(5)[[0, 2, 4, 1, 3]],
     "first corner repeated at the end": [[0, 0], [1, 0], [1, 1], [0, 0]],
-    "no area": [[0, 0], [1, 0], [2, 0]],
     "two corners": [[0, 0], [1, 1]],
     "three columns": [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
     "nan": [[0, 0], [1, 0], [math.nan, 1]],
@@ -165,7 +152,9 @@ def test_bad_outlines_are_refused(name):
 
 
 @given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7)), min_size=3, max_size=8))
-@example([(0, 0), (4, 0), (4, 4), (2, 0), (0, 4)])
+@example([(0, 0), (4, 0), (4, 4), (2, 0), (0, 4)])  # a corner on another edge
+@example([(0, 0), (3, 0), (3, 1), (2, 1), (2, 0), (1, 0), (1, 1), (0, 1)])  # overlapping edges
+@example([(0, 0), (1, 1), (2, 0), (2, 2), (1, 1), (0, 2)])  # a shared corner
 def test_simple_or_refused_as_shapely_says(corners):
     """Random closed walks on a small lattice: many cross, touch or fold. Coordinates are exact, so is the answer."""
     closed = [*corners, corners[0]]
@@ -190,14 +179,12 @@ def test_edges_on_one_line_do_not_cross(turn, height, pieces):
     assert Part.polygon(turned, friction=0.5, mass=1.0).area == pytest.approx(2.0 * height, rel=1e-12)
 
 
-def ragged(corners):
-    """An outline with so many corners that no direction repeats."""
-    turn = np.linspace(0.0, 2.0 * math.pi, corners, endpoint=False)
-    reach = 0.03 * (1.0 + 0.2 * np.random.default_rng(0).random(corners))
-    return np.column_stack([reach * np.cos(turn), reach * np.sin(turn)])
-
-
 def test_outlines_with_very_many_corners_are_refused():
+    def ragged(corners):  # no direction repeats
+        turn = np.linspace(0.0, 2.0 * math.pi, corners, endpoint=False)
+        reach = 0.03 * (1.0 + 0.2 * np.random.default_rng(0).random(corners))
+        return np.column_stack([reach * np.cos(turn), reach * np.sin(turn)])
+
     assert len(Part.polygon(ragged(1000), friction=0.5).outline) == 1000
     with pytest.raises(ValueError, match="vertices"):
         Part.polygon(ragged(1500), friction=0.5)
@@ -205,34 +192,33 @@ def test_outlines_with_very_many_corners_are_refused():
 
 def test_narrowest_width():
     """The narrowest width is normal to an edge of the convex hull."""
-    narrowest_width = outlines.narrowest_width
-    assert narrowest_width(Part.rectangle(0.05, 0.03, friction=0.5).outline) == pytest.approx(0.03)
     triangle = Part.polygon([[0, 0], [0.04, 0], [0, 0.03]], friction=0.5)
-    assert narrowest_width(triangle.outline) == pytest.approx(0.024)  # height on the longest side
+    assert outlines.narrowest_width(triangle.outline) == pytest.approx(0.024)  # height on the longest side
     angle = Part.polygon([[0, 0], [0.02, 0], [0.02, 0.004], [0.004, 0.004], [0.004, 0.02], [0, 0.02]], friction=0.5)
-    assert narrowest_width(angle.outline) == pytest.approx(0.024 / math.sqrt(2.0))
-    rng = np.random.default_rng(1)
+    assert outlines.narrowest_width(angle.outline) == pytest.approx(0.024 / math.sqrt(2.0))
+    rng, turns = np.random.default_rng(1), np.linspace(0.0, math.pi, 2000)
     for _ in range(20):
-        hull = MultiPoint(rng.uniform(-0.02, 0.02, (8, 2))).convex_hull
-        sides = hull.minimum_rotated_rectangle.exterior.coords
-        narrow = narrowest_width(np.array(hull.exterior.coords)[:-1])
-        assert narrow <= min(math.dist(sides[k], sides[k + 1]) for k in range(2)) * (1.0 + 1e-9)
-        turns = np.linspace(0.0, math.pi, 2000)
-        reach = np.array(hull.exterior.coords) @ np.stack([np.cos(turns), np.sin(turns)])
-        assert narrow == pytest.approx((reach.max(axis=0) - reach.min(axis=0)).min(), rel=2e-3)
+        hull = np.array(MultiPoint(rng.uniform(-0.02, 0.02, (8, 2))).convex_hull.exterior.coords)
+        reach = hull @ np.stack([np.cos(turns), np.sin(turns)])
+        narrow = (reach.max(axis=0) - reach.min(axis=0)).min()
+        assert outlines.narrowest_width(hull[:-1]) == pytest.approx(narrow, rel=2e-3)
 
 
+def angle(bend, x, y, **properties):
+    """A part with a bend at a place, with a hole if that is near the origin."""
+    corners = [[0, 0], [0.06, 0], [0.06, 0.02], [bend, 0.02], [bend, 0.06], [0, 0.06]]
+    hole = [[0.001, 0.001], [0.004, 0.001], [0.004, 0.019]]
+    holes = [np.array(hole) + [x, y]] if abs(x) + abs(y) < 0.5 else []
+    return Part.polygon(np.array(corners) + [x, y], holes=holes, **properties)
+
+
+LENGTHS, SHARES = st.floats(1e-3, 1.0), st.floats(0.0, 1.0)
 SHAPES = st.one_of(
+    st.builds(lambda a, b, **more: Part.rectangle(a, b, **more), LENGTHS, LENGTHS, friction=SHARES),
+    st.builds(lambda radius, **more: Part.disc(radius, **more), LENGTHS, friction=SHARES, mass=st.floats(0.1, 2)),
     st.builds(
-        lambda a, b, **more: Part.rectangle(a, b, **more), LENGTH := st.floats(1e-3, 1.0), LENGTH, friction=st.floats(0, 1)
-    ),
-    st.builds(lambda radius, **more: Part.disc(radius, **more), LENGTH, friction=st.floats(0, 1), mass=st.floats(0.1, 2)),
-    st.builds(
-        lambda bend, x, y, **more: Part.polygon(
-            [[x, y], [x + 0.06, y], [x + 0.06, y + 0.02], [x + bend, y + 0.02], [x + bend, y + 0.06], [x, y + 0.06]], **more
-        ),
-        st.floats(0.005, 0.05), st.floats(-3, 3), st.floats(-3, 3),
-        friction=st.floats(0, 1), name=st.text("abc", min_size=1), restitution=st.floats(0, 1),
+        angle, st.floats(0.005, 0.05), st.floats(-3, 3), st.floats(-3, 3),
+        friction=SHARES, name=st.text("abc", min_size=1), restitution=SHARES,
     ),
 )  # fmt: skip
 
@@ -241,7 +227,9 @@ SHAPES = st.one_of(
 def test_parts_survive_serialisation(part):
     again = part_from(json.loads(json.dumps(part.to_dict())))
     for field in dataclasses.fields(Part):
-        assert np.array_equal(getattr(part, field.name), getattr(again, field.name)), field.name
+        if field.name != "holes":
+            assert np.array_equal(getattr(part, field.name), getattr(again, field.name)), field.name
+    assert all(np.array_equal(a, b) for a, b in zip(again.holes, part.holes, strict=True))
     assert again.same_as(part) and again.to_dict() == part.to_dict()
 
 
@@ -254,3 +242,84 @@ def test_height_distinguishes_kinds_where_it_matters():
     assert kinds_of((low, high))[1].tolist() == [0, 0]
     heavier = Part.rectangle(0.05, 0.03, friction=0.5, mass=0.2, height=0.004)
     assert not low.slides_as(heavier) and not low.same_as(heavier)
+
+
+# -- holes ---------------------------------------------------------------------------------------------------------------
+
+OUTER = np.array([[0, 0], [80, 0], [80, 50], [0, 50]]) * 1e-3
+INNER = np.array([[10, 10], [40, 10], [40, 45], [10, 45]]) * 1e-3
+
+
+def ring(radius, corners, x=0.0, y=0.0):
+    angle = 2.0 * math.pi * np.arange(corners) / corners
+    return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
+
+
+def test_mass_properties():
+    """A rectangle less a rectangle, by the parallel-axis theorem."""
+    part = Part.polygon(OUTER + 3.0, holes=[INNER + 3.0], friction=0.5, height=0.01)
+    whole, gone = 0.08 * 0.05, 0.03 * 0.035
+    area = whole - gone
+    middle, hole = np.array([0.04, 0.025]), np.array([0.025, 0.0275])
+    centre = (whole * middle - gone * hole) / area
+    turn = whole * ((0.08**2 + 0.05**2) / 12 + ((middle - centre) ** 2).sum())
+    turn -= gone * ((0.03**2 + 0.035**2) / 12 + ((hole - centre) ** 2).sum())
+    assert part.area == pytest.approx(area, rel=1e-12)
+    mm = {"vertices_mm": (1e3 * OUTER).tolist(), "holes_mm": [(1e3 * INNER).tolist()]}
+    assert part_from({"shape": "polygon", "friction": 0.5, **mm}).area == pytest.approx(area)
+    assert part.mass == pytest.approx(7850.0 * area * 0.01, rel=1e-12)
+    assert part.gyration == pytest.approx(turn / area, rel=1e-9)
+    assert part.rim == pytest.approx(OUTER - centre, abs=1e-12)
+    assert part.holes[0][::-1] == pytest.approx(INNER - centre, abs=1e-12)
+    assert part.inertia[:2].sum() - 2 * 0.01**2 / 12 == pytest.approx(part.gyration)
+
+
+def test_friction_acts_between_the_holes_only():
+    """A part that spins on a still table slows down by ``mu g <r> / <r^2>``, the means over its area."""
+    part = Part.polygon(OUTER, holes=[INNER, ring(0.008, 24, 0.06, 0.02)], friction=0.1)
+    surface = Surface(horizontal_amplitude=0.0)
+    simulator = Simulator(surface, part)
+    simulator.reset([[[0.4, 0.1, 0.3]]], [[[0.0, 0.0, 6.0]]])
+    simulator.advance(0.0, 0.0, 1)
+    grid = np.stack(np.meshgrid(*(np.arange(-0.06, 0.06, 1e-4) + 5e-5,) * 2), axis=-1).reshape(-1, 2)
+    inside = outlines.contains(part.rim, grid) & ~np.any([outlines.contains(hole, grid) for hole in part.holes], axis=0)
+    radius = np.hypot(*grid[inside].T)
+    slower = 0.1 * 9.81 * radius.mean() / (radius**2).mean() * surface.period
+    assert simulator.velocity[0, 0, 2] == pytest.approx(6.0 - slower, rel=1e-3)
+
+
+@pytest.mark.parametrize(("bolts", "order"), [(2, 2), (3, 3), (5, 1), (6, 6)])
+def test_symmetry_of_a_flange(bolts, order):
+    """The outer outline of 48 corners has order 48; five bolts do not divide it. Corners of the holes do not match."""
+    holes = [ring(0.003, 17, *point) for point in ring(0.02, bolts)]
+    assert Part.polygon(ring(0.03, 48), holes=[ring(0.01, 31), *holes], friction=0.5).symmetry == order
+
+
+def test_a_turned_hole_breaks_the_symmetry():
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.03
+    triangle = ring(0.01, 3)
+    assert Part.polygon(square, holes=[ring(0.01, 4)], friction=0.5).symmetry == 4
+    assert Part.polygon(square, holes=[triangle], friction=0.5).symmetry == 1
+    assert Part.polygon(ring(0.03, 6), holes=[triangle], friction=0.5).symmetry == 3
+
+
+def test_parts_touch_the_rim():
+    part = Part.polygon(OUTER, holes=[INNER], friction=0.5)
+    centre = OUTER[0] - part.rim[0]
+    solid = Part.polygon(OUTER, friction=0.5)
+    disc = Part.disc(0.01, friction=0.5)
+    for x in (0.0, 0.02, 0.06):  # beside, and in the hole
+        pose = np.array([[[0.1, 0.1, 0.0], [0.1 + x, 0.1, 0.0]]])
+        moved = pose - [[[*(np.array([0.04, 0.025]) - centre), 0.0], [0.0, 0.0, 0.0]]]
+        assert gaps_between([part, disc], moved) == pytest.approx(gaps_between([solid, disc], pose), abs=1e-12)
+
+
+@pytest.mark.parametrize("holes", [
+    [INNER + 0.02], [INNER + 0.5], [INNER, INNER + 0.001], [INNER, ring(0.002, 9, 0.02, 0.02)], [OUTER],
+    [ring(0.02, 1001, 0.03, 0.025)], [[[0.01, 0.01], [0.02, 0.02], [0.02, 0.01], [0.01, 0.02]]],
+])  # fmt: skip
+def test_bad_holes_are_refused(holes):
+    with pytest.raises(ValueError, match="holes|vertices"):
+        Part.polygon(OUTER, holes=holes, friction=0.5)
+    with pytest.raises(ValueError, match="holes"):
+        part_from({"shape": "disc", "radius": 0.02, "friction": 0.5, "holes": [ring(0.002, 9).tolist()]})

@@ -1,19 +1,21 @@
-"""The library of shapes: fixed content, families, splits."""
+"""The library of shapes, and convex pieces of outlines against shapely: convex, disjoint, with the outline as union."""
 
 import hashlib
+import math
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from shapely import unary_union
+from shapely.geometry import Polygon
 
-from vibgym import Part, Surface
-from vibgym.scene.library import FAMILIES, FRICTION, HELD_OUT, SIZE, SPLITS, largest_dimension, shapes
+from vibgym import Part
+from vibgym.scene.hulls import convex_decomposition
+from vibgym.scene.library import SPLITS, shapes
 from vibgym.scene.outlines import is_convex
 
 EVERY = {split: shapes(split) for split in SPLITS}
-
-
-def family(part):
-    return part.name.split("-")[0]
 
 
 def test_the_library_does_not_change():
@@ -26,47 +28,48 @@ def test_the_library_does_not_change():
     assert digest.hexdigest() == "66e6fb037d5654e98313c86a130b1eb6f5e68da5362be4148364d2e72fbd583b"
 
 
-def test_splits_have_their_families_and_share_no_part():
-    for split, parts in EVERY.items():
-        expected = {name for name in FAMILIES if (name in HELD_OUT) == (split == "held_out")}
-        assert [family(part) for part in parts].count(family(parts[0])) == SPLITS[split]
-        assert {family(part) for part in parts} == expected and len(parts) == SPLITS[split] * len(expected)
-    every = [part for parts in EVERY.values() for part in parts]
-    assert len({part.name for part in every}) == len(every)
-    assert len({(round(1e9 * part.area), round(1e15 * part.gyration)) for part in every}) == len(every)
+def check(outline):
+    pieces = [Polygon(piece) for piece in convex_decomposition(outline)]
+    whole = Polygon(outline)
+    for piece, corners in zip(pieces, convex_decomposition(outline)):
+        assert is_convex(corners) and piece.exterior.is_ccw
+    assert sum(piece.area for piece in pieces) == pytest.approx(whole.area, rel=1e-9)
+    assert (
+        unary_union([piece.buffer(1e-9 * math.sqrt(whole.area)) for piece in pieces]).symmetric_difference(whole).area
+        < 1e-6 * whole.area
+    )
+    return len(pieces)
 
 
-@pytest.mark.parametrize("split", SPLITS)
-def test_sizes_and_frictions_cover_their_ranges(split):
-    parts = EVERY[split]
-    drawn = [part for part in parts if family(part) != "real"]
-    size = np.array([largest_dimension(part.outline) for part in drawn])
-    friction = np.array([part.friction for part in parts])
-    assert SIZE[0] - 1e-8 <= size.min() < 0.032 and 0.065 < size.max() <= SIZE[1] + 1e-8
-    assert FRICTION[0] <= friction.min() < 0.4 and 0.8 < friction.max() <= FRICTION[1]
-    surface = Surface()
-    assert all(surface.slides_permanently(part.static_friction) for part in parts)
+def star(points, size, inner):
+    turn, reach = np.arange(2 * points) * math.pi / points, np.tile([1.0, inner], points)
+    return Part.polygon(size * np.column_stack([reach * np.cos(turn), reach * np.sin(turn)]), friction=0.5).outline
 
 
-def test_families_have_the_forms_that_they_are_named_for():
-    every = [part for parts in EVERY.values() for part in parts]
-    of = {name: [part for part in every if family(part) == name] for name in FAMILIES}
-    assert all(is_convex(part.outline) and part.symmetry in (2, 4) for part in [*of["block"], *of["bar"]])
-    assert not any(is_convex(part.outline) for name in ("ell", "tee", "bracket", "star") for part in of[name])
-    assert {part.symmetry for part in of["star"]} <= {4, 5, 6, 7}
-    assert {0, 6, 12, 16} <= {part.symmetry for part in of["real"]}  # washers, nuts, gears
+@pytest.mark.parametrize("name, outline, most", [
+    ("angle", [[0, 0], [2, 0], [2, 0.4], [0.4, 0.4], [0.4, 2], [0, 2]], 2),
+    ("channel", [[0, 0], [8, 0], [8, 2], [2, 2], [2, 6], [8, 6], [8, 8], [0, 8]], 3),
+    ("cross", [[1, 0], [2, 0], [2, 1], [3, 1], [3, 2], [2, 2], [2, 3], [1, 3], [1, 2], [0, 2], [0, 1], [1, 1]], 4),
+    ("arrow", [[0, 0], [2, 1], [0, 2], [0.5, 1]], 2),
+    ("square with a corner on each side", [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]], 1),
+])  # fmt: skip
+def test_few_pieces(name, outline, most):
+    assert check(np.array(outline, dtype=float)) <= most
 
 
-def test_real_parts_have_the_dimensions_of_their_standards():
-    every = {part.name: part for parts in EVERY.values() for part in parts}
-    nut, washer, bolt = every["real-0"], every["real-1"], every["real-2"]  # M20, M16, M10 x 40
-    assert np.abs(nut.outline @ [0.0, 1.0]).max() == pytest.approx(0.015, abs=1e-8)  # 30 mm across flats, ISO 4032
-    assert washer.same_as(Part.disc(0.015, friction=washer.friction, name=washer.name))  # 30 mm, ISO 7089
-    along, across = np.ptp(bolt.outline, axis=0)  # head of 16 mm across flats and 6.4 mm, ISO 4017
-    assert along == pytest.approx(0.0464, abs=1e-8) and across == pytest.approx(0.016 * 2 / np.sqrt(3), abs=1e-8)
-    assert bolt.area == pytest.approx(0.0064 * 0.032 / np.sqrt(3) + 0.04 * 0.01, abs=1e-9)
+@pytest.mark.parametrize("size", [1e-5, 1.5e-3, 0.03, 100.0])
+def test_stars_of_any_size(size):
+    """The solver's decomposition crashed on a star of nine points of 1.5 mm."""
+    for points in (3, 5, 9, 40):
+        assert check(star(points, size, 0.5)) <= points + 1
 
 
-def test_an_unknown_split_is_one_error():
-    with pytest.raises(ValueError, match="unknown split 'tests'; did you mean 'test'"):
-        shapes("tests")
+@given(st.integers(5, 40), st.integers(0, 2**32 - 1))
+def test_any_outline(corners, seed):
+    rng = np.random.default_rng(seed)
+    turn = np.cumsum(rng.uniform(0.2, 1.0, corners)) * 2.0 * math.pi
+    turn, reach = turn / corners, rng.uniform(0.2, 1.0, corners)
+    assume(turn[-1] - turn[0] < 2.0 * math.pi)
+    outline = np.column_stack([reach * np.cos(turn), reach * np.sin(turn)])
+    assume(Polygon(outline).is_valid and Polygon(outline).area > 1e-3)
+    check(Part.polygon(outline, friction=0.5).outline)

@@ -19,10 +19,10 @@ def batch(worlds, sensor, task="Align", actuators="prototype", **settings):
     return gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, sensor=sensor, actuators=actuators, **settings).unwrapped
 
 
-@pytest.mark.parametrize("task", ["Align", "Sort"])
-@pytest.mark.parametrize(
-    "periods, latency, delay", [(1, 0, 0), (1, 1, 0), (1, 2, 1), (1, 0, 3), (3, 3, 0), (3, 0, 2), (2, 4, 3)]
-)
+@pytest.mark.parametrize("task, periods, latency, delay", [
+    ("Align", 1, 0, 0), ("Align", 1, 1, 0), ("Sort", 1, 2, 1), ("Align", 1, 0, 3), ("Align", 3, 3, 0), ("Sort", 3, 0, 2),
+    ("Align", 2, 4, 3),
+])  # fmt: skip
 def test_an_exact_model_predicts_the_state_at_the_next_command(task, periods, latency, delay):
     sensor = {"kind": "pose", "noise": 0.0, "delay": delay, "estimator": "model"}
     env = batch(4, sensor, task, {**EXACT, "latency": latency}, periods_per_step=periods)
@@ -143,15 +143,6 @@ def test_sigmas_agree_with_errors(sensor):
     bare = batch(48, {"kind": "pose", **sensor}, **SPOKEN)
     worse, _ = steered(bare, 40)
     assert np.sqrt((errors[..., :2] ** 2).mean()) < 0.2 * np.sqrt((worse[..., :2] ** 2).mean())
-
-
-def test_parked_parts_average_their_readings():
-    env = batch(64, {"kind": "pose", "estimator": "model"})
-    env.reset(seed=0)
-    for _ in range(60):
-        env.core.pipeline.run(np.zeros(env.action_space.shape, dtype=np.float32))
-    error = env.core.sensing.measurement.pose - env.truth.pose
-    assert np.sqrt((error[..., :2] ** 2).mean()) < 0.6e-4 and np.degrees(np.sqrt((error[..., 2] ** 2).mean())) < 0.12
 
 
 def test_recovery_from_unmodelled_disturbances():

@@ -1,4 +1,4 @@
-"""Scoring of zones and distances against a plain reference."""
+"""Kinds and zones of Sort; scores of Sort and Singulate, of worlds and of their parts, against a plain reference."""
 
 import math
 from typing import Any
@@ -8,6 +8,7 @@ import pytest
 
 from tests.tasks.helpers import Scorer, made
 from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, MIXED, SIX, STEEL, SURFACE, distances
+from vibgym.registration import ENVIRONMENTS
 from vibgym.tasks import TASKS, Singulate, Sort
 
 ARRANGED = {"Sort": Sort, "Singulate": Singulate}
@@ -42,28 +43,28 @@ class Reference:
             else:
                 done.append(not fallen[k] and self.gap[k] > RULE)
         self.done, self.count = sum(done), len(there)
-        length = [np.hypot(*self.way[k]) for k in there]
         sort = self.task.zones is not None
-        self.error = max(length) if sort else max(RULE - self.clearance, 0.0)
-        self.distance = np.array(length)
-        self.inside = np.mean([not self.way[k].any() for k in there])
-        self.share = 0.0 if sort else np.mean([min(max(self.gap[k], 0.0) / RULE, 1.0) for k in there])
+        self.distance = np.array([np.hypot(*self.way[k]) for k in there])
+        self.error = self.distance.max() if sort else max(RULE - self.clearance, 0.0)
+        self.inside = np.array([not self.way[k].any() for k in there], dtype=float)
+        self.share = np.array([0.0 if sort else min(max(self.gap[k], 0.0) / RULE, 1.0) for k in there])
 
     def step(self, pose, mean_velocity, fallen, diverged):
+        """Return terms of the parts that are present, whether the world succeeds, and whether its episode ends."""
         before = self.distance, self.inside, self.share
         self.look(pose, mean_velocity, fallen)
-        down = (self.present & fallen).any()
-        self.held = self.held + 1 if self.done == self.count and not down and not diverged else 0
+        down = fallen[self.present]
+        self.held = self.held + 1 if self.done == self.count and not down.any() and not diverged else 0
         success = self.held >= 10
         terms = {
-            "distance": np.clip((before[0] - self.distance) / 0.1, -1.0, 1.0).mean(),
+            "distance": np.clip((before[0] - self.distance) / 0.1, -1.0, 1.0),
             "inside": self.inside - before[1],
             "clearance": self.share - before[2],
-            "time": -0.003,
-            "success": 5.0 if success else 0.0,
-            "fallen": -5.0 if down else 0.0,
+            "time": np.full(self.count, -0.003),
+            "success": np.full(self.count, 5.0 if success else 0.0),
+            "fallen": np.where(down, -5.0, 0.0),
         }
-        return terms, success, success or down or diverged
+        return terms, success, success or down.any() or diverged
 
 
 def settled(task, generator, worlds):
@@ -109,15 +110,20 @@ def test_score_kernel(name, parts):
             where = (step, k)
             assert list(terms) == list(task.TERMS)
             overlap = reference[k].clearance <= 0.0  # shapely detects overlaps, but not their depth
-            assert result.terms[k] == pytest.approx(list(terms.values()), abs=1e-9), where
-            assert result.reward[k] == pytest.approx(math.fsum(terms.values()), abs=1e-9)
+            of_world = [values.min() if name == "fallen" else values.mean() for name, values in terms.items()]
+            assert result.terms[k] == pytest.approx(of_world, abs=1e-9), where
+            assert result.reward[k] == pytest.approx(math.fsum(of_world), abs=1e-9)
+            of_parts = np.zeros((len(parts), len(terms)))
+            of_parts[start.present[k]] = np.stack(list(terms.values()), axis=1)
+            assert result.part_terms[k] == pytest.approx(of_parts, abs=1e-9), where
+            assert result.part_reward[k] == pytest.approx(of_parts.sum(axis=1), abs=1e-9)
+            assert (result.part_fallen[k] == (start.present[k] & fallen[k])).all()
             assert (result.success[k], result.ended[k]) == (success, ended), where
             assert result.fallen[k] == (start.present[k] & fallen[k]).any()
             assert (result.parts_done[k], result.touching[k]) == (reference[k].done, reference[k].touching), where
             assert result.done[k].sum() == reference[k].done
-            assert scorer.relations.error[k, :, :2] == pytest.approx(
-                np.array(list(reference[k].way.values())), abs=1e-12
-            )
+            way = np.array(list(reference[k].way.values()))
+            assert scorer.relations.error[k, :, :2] == pytest.approx(way, abs=1e-12)
             if overlap:
                 assert result.clearance[k] <= 1e-12
             else:
@@ -148,20 +154,14 @@ def scored(task, pose, steps=1, **state: Any):
     return scorer
 
 
-@pytest.mark.parametrize("speed, done", [(0.0199, 2), (0.0201, 0)])
-def test_sort_requires_slow_parts(speed, done):
-    task = Sort(SURFACE, [STEEL, ALUMINIUM])
-    pose = np.array([[0.05, 0.1, 0.0], [0.78, 0.1, 0.0]])
+@pytest.mark.parametrize("speed, x, done", [(0.0199, 0.05, 2), (0.0201, 0.05, 0), (0.0, 0.1559, 2), (0.0, 0.1561, 1)])
+def test_sort_requires_slow_parts_with_their_centres_in_zones(speed, x, done):
+    pose = np.array([[x, 0.1, 0.0], [0.78, 0.1, 0.0]])
     for direction in (0.3, 2.0):
         moving = speed * np.array([math.cos(direction), math.sin(direction), 1e6])  # at any spin
-        assert scored(task, pose, mean_velocity=moving).episode.parts_done[0] == done
-
-
-@pytest.mark.parametrize("x, done", [(0.1559, 2), (0.1561, 1)])
-def test_sort_counts_centres(x, done):
-    result = scored(Sort(SURFACE, [STEEL, ALUMINIUM]), np.array([[x, 0.1, 0.0], [0.78, 0.1, 0.0]])).episode
-    assert result.parts_done[0] == done
-    assert result.position_error[0] == pytest.approx(max(x - 0.156, 0.0), abs=1e-12)
+        result = scored(Sort(SURFACE, [STEEL, ALUMINIUM]), pose, mean_velocity=moving).episode
+        assert result.parts_done[0] == done
+        assert result.position_error[0] == pytest.approx(max(x - 0.156, 0.0), abs=1e-12)
 
 
 @pytest.mark.parametrize("beyond, success", [(1e-6, True), (-1e-6, False)])
@@ -174,10 +174,28 @@ def test_singulate_requires_more_than_an_elements_diagonal(beyond, success):
     assert result.position_error[0] == pytest.approx(max(-beyond, 0.0), abs=1e-12)
 
 
+def test_kinds_are_in_order_and_zones_are_six_columns_wide():
+    task = Sort(SURFACE, [STEEL, DISC, ALUMINIUM, STEEL])
+    assert task.kinds == ("steel", "disc", "aluminium") and task.kind.tolist() == [0, 1, 2, 0]
+    assert task.zones[:, [0, 2]] / 0.026 == pytest.approx(np.array([[0, 6], [26, 32], [13, 19]]))
+    assert task.zones[:, [1, 3]] == pytest.approx(np.array([[0, 0.208]] * 3))
+    assert task.rules(1).zone == pytest.approx(task.zones[[0, 1, 2, 0]])
+    assert task.rules(1).slow == 0.020 and task.rules(1).hold == 10
+
+
+def test_custom_zones():
+    zones = {"steel": [0.4, 0.0, 0.832, 0.208], "aluminium": (0, 0, 0.3, 0.2)}
+    assert made(Sort, SURFACE, SIX, zones=zones).zones.tolist() == [[0.4, 0.0, 0.832, 0.208], [0.0, 0.0, 0.3, 0.2]]
+
+
+def test_singulate_has_no_zones():
+    task = Singulate(SURFACE, SIX)
+    assert task.zones is None and task.apart == pytest.approx(0.036770, abs=1e-6)
+    assert (task.rules(1).zone[:, :2] == -np.inf).all() and (task.rules(1).zone[:, 2:] == np.inf).all()
+
+
 def test_a_whole_episode_costs_less_than_a_fall():
     """Otherwise falling off the table would have a higher return."""
-    from vibgym.registration import ENVIRONMENTS
-
     for limit, settings in ENVIRONMENTS.values():
         cost = TASKS[settings["task"]].TERMS
         assert limit * cost.get("time", ("time", 0.0))[1] <= cost["fallen"][1]

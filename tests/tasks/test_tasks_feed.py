@@ -1,13 +1,11 @@
 """Parts that arrive and leave: good parts, counts, and cleared memory of slots."""
 
-import copy
 import math
 
 import numpy as np
 import pytest
-from gymnasium.vector import SyncVectorEnv
 
-from tests.envs.helpers import assert_same, batch, single
+from tests.envs.helpers import batch, single
 from vibgym import Surface
 from vibgym.policies.registry import make_policy
 from vibgym.scene.hulls import gaps_between
@@ -18,7 +16,6 @@ from vibgym.tasks.episode import EVENTS
 STEEL, ALUMINIUM = 0, 1
 RIGHT = 0.785
 NAMES = ["steel_block", "aluminium_block"] * 2
-MACHINE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
 
 
 def play(env, steps, seed=3, law="pose"):
@@ -133,41 +130,6 @@ def test_arrivals_have_room_and_come_through_the_inlet(heap):
     env.close()
 
 
-@pytest.mark.parametrize("settings", [{}, MACHINE, {"periods_per_step": 3, "sensor": {"kind": "pose", "delay": 2}}])
-def test_batch_and_single_environments_play_the_same(settings):
-    settings = {"action": "wrench", **settings}
-    native, sync = batch("Feed", 3, **settings), SyncVectorEnv([lambda: single("Feed", **settings)] * 3)
-    policy = make_policy({"kind": "local_field", "law": "pose", "action": "wrench"}, native)
-    seen, info = native.reset(seed=11)
-    assert_same((seen, info), sync.reset(seed=11))
-    state = None
-    for _ in range(130):
-        action, state = policy.predict(seen, state, None)
-        result = native.step(action)
-        assert_same(result, sync.step(action))
-        seen = result[0]
-    assert result[4]["parts"]["present"].any()
-    native.close(), sync.close()
-
-
-@pytest.mark.parametrize("settings", [{}, MACHINE])
-def test_episodes_continue_from_snapshots(settings):
-    env = batch("FeedHeaps", 2, action="wrench", **settings).unwrapped
-    played = play(env, 400)
-    for _ in range(150):
-        next(played)
-    kept, generator = copy.deepcopy(env.get_state()), np.random.default_rng(1)
-    actions = generator.uniform(-1, 1, (60, 2, 54)).astype(np.float32)
-    first = [env.step(action) for action in actions]
-    env.set_state(kept)
-    for action, expected in zip(actions, first, strict=True):
-        assert_same(env.step(action), expected)
-    other = batch("FeedHeaps", 2, action="wrench", **settings).unwrapped
-    other.set_state(kept)
-    for action, expected in zip(actions, first, strict=True):
-        assert_same(other.step(action), expected)
-
-
 @pytest.mark.parametrize("sensor", [
     "ideal", "pose", {"kind": "pose", "delay": 3}, {"kind": "pose", "delay": 2, "estimator": "kalman"},
     {"kind": "pose", "estimator": "model"}, {"kind": "pose", "dropout": 0.5}, {"kind": "ideal", "rate": 5.0},
@@ -198,21 +160,6 @@ def test_a_reset_sets_the_parts_that_may_arrive():
     for _ in range(100):
         seen |= env.step(np.zeros(12, dtype=np.float32))[4]["parts"]["present"]
     assert seen.tolist() == [False, True, True, False]
-
-
-@pytest.mark.parametrize("settings, words", [
-    ({"zones": {"steel_block": [0.7, 0, 0.8, 0.1]}}, r"zones"),
-    ({"zones": {"brass": [0.7, 0, 0.8, 0.1]}}, r"zones"),
-    ({"task_settings": {"heap": 13}}, r"task_settings\.heap"),
-    ({"task_settings": {"heap": 12}}, r"task_settings\.heap"),
-    ({"sensor": "camera"}, r"sensor"),
-    ({"surface": {"columns": 3}}, r"zones"),
-])  # fmt: skip
-def test_bad_settings_are_refused(settings, words):
-    with pytest.raises(ValueError, match=words):
-        single("Feed", **settings)
-    with pytest.raises(ValueError, match=r"options\['pose'\]"):
-        single("Feed").reset(seed=1, options={"pose": [0.4, 0.1, 0.0]})
 
 
 def test_gates_are_strips_of_equal_width():

@@ -1,4 +1,4 @@
-"""Patterns of goals, and packing to them."""
+"""Pack and Swap: patterns of goals, starts, and the assignment of goals."""
 
 import itertools
 import math
@@ -6,10 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from tests.envs.helpers import batch
 from tests.tasks.helpers import Scorer, made
 from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, STEEL, SURFACE
 from vibgym.scene.hulls import gaps_between
-from vibgym.tasks import Pack, Pattern
+from vibgym.tasks import Pack, Pattern, Swap
+from vibgym.tasks.assignment import EXCHANGE, exchange_goals
 from vibgym.tasks.starts import STARTS
 
 SIX, MIXED = [ALUMINIUM] * 6, [STEEL, ALUMINIUM] * 3
@@ -141,19 +143,45 @@ def test_starts_in_a_pattern(parts):
     )
 
 
-BAD = [
-    ({"rows": 6}, "wholly on this surface"), ({"place_mm": [10, 100]}, "place"),
-    ({"rows": 2, "columns": 2}, "columns"), ({"pattern": [[0.1, 0.1, 0.0]] * 5}, "pattern"),
-    ({"pattern": [[0.1, 0.1, 0.0]] * 6}, "goals 0 and 1"),
-    ({"pattern": [[0.06 * k, 0.1, 0.0] for k in range(6)]}, "wholly on this surface"),
-    ({"pattern": [[0.1, 0.1]] * 6}, "pattern"), ({"pattern": {"steel": []}}, "pattern"),
-    ({"pattern": [[0.1 + 0.06 * k, 0.1, 0.0] for k in range(6)], "gap_mm": 2}, "'gap'"),
-    ({"start": "heaps"}, "start"), ({"start": {"kind": "pattern", "gap_mm": 60, "rows": 3}}, "start"),
-    ({"start": {"kind": "crowded", "gap_mm": 1}}, "gap_mm.*start"),
-]  # fmt: skip
+@pytest.mark.parametrize("pairs, settings, apart", [(8, {}, 0.005), (12, {}, 0.005), (4, {"apart_mm": 20.0}, 0.020)])
+def test_kinds_start_at_one_end_and_have_their_goals_at_the_other(pairs, settings, apart):
+    task = made(Swap, SURFACE, [STEEL, ALUMINIUM] * pairs, **settings)
+    start = task.start(np.random.default_rng(1).random((200, task.draws)))
+    for k in range(2):
+        own = task.kind == k
+        for places, left in ((start.pose, k == 0), (start.goal, k == 1)):
+            x = places[:, own, 0] if left else SURFACE.width - places[:, own, 0]
+            assert (x > 0.0).all() and (x < 13 * 0.026).all()
+    for places in (start.pose, start.goal):
+        assert gaps_between(task.parts, places).min() >= apart - 1e-9
+        assert np.ptp(places[..., 2]) > 6.0  # at any heading
 
 
-@pytest.mark.parametrize("settings, message", BAD)
-def test_bad_patterns_and_starts_are_refused(settings, message):
-    with pytest.raises(ValueError, match=message):
-        made(Pack, SURFACE, SIX, **settings)
+def test_free_goals_are_a_permutation_with_least_cubed_distances():
+    uniform = np.random.default_rng(2).random((50, Swap(SURFACE, MIXED + MIXED[:2]).draws))
+    free, own = (made(Swap, SURFACE, MIXED + MIXED[:2], free=free).start(uniform) for free in (True, False))
+    assert (free.pose == own.pose).all()
+    assert (np.sort(free.goal, axis=1) == np.sort(own.goal, axis=1)).all() and (free.goal != own.goal).any()
+    ways = [(np.hypot(*np.moveaxis(start.goal - start.pose, -1, 0)[:2]) ** 3).sum(axis=1) for start in (free, own)]
+    assert (ways[0] <= ways[1] + 1e-12).all()
+
+
+def test_parts_of_a_kind_exchange_goals_where_both_gain():
+    pose = np.zeros((1, 3, 3))
+    pose[0, :, 0] = [0.1, 0.2, 0.3]
+    goal, kind, there = pose[:, [1, 0, 2]].copy(), np.array([0, 0, 1]), np.ones((1, 3), dtype=bool)
+    exchange_goals(kind, there, pose, goal, EXCHANGE, np.arange(1))
+    assert (goal == pose).all()
+    goal = pose[:, [2, 1, 0]].copy()
+    exchange_goals(np.arange(3), there, pose, goal, EXCHANGE, np.arange(1))  # each of another kind
+    assert (goal == pose[:, [2, 1, 0]]).all()
+    goal = pose + [0.5 * EXCHANGE, 0.0, 0.0]  # nothing to gain
+    exchange_goals(np.zeros(3, dtype=np.int64), there, pose, goal, EXCHANGE, np.arange(1))
+    assert (goal == pose + [0.5 * EXCHANGE, 0.0, 0.0]).all()
+
+
+def test_drawn_numbers_of_parts():
+    env = batch("Swap", 64, randomize={"parts": [2, 16]})
+    env.reset(seed=0)
+    number = env.unwrapped.truth.present.sum(axis=1)
+    assert number.min() <= 4 and number.max() >= 14 and not env.unwrapped.truth.goal[~env.unwrapped.truth.present].any()

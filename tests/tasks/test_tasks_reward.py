@@ -6,7 +6,6 @@ import pytest
 from tests.envs.helpers import assert_same
 from vibgym.envs import VibgymEnv, VibgymVectorEnv
 from vibgym.tasks import TASKS, Align, Sort, Task
-from vibgym.tasks.episode import QUANTITIES
 
 SCENES = {
     "Transport": {}, "Align": {}, "Rotate": {}, "Follow": {"parts": ["aluminium_block", "steel_block"]},
@@ -47,14 +46,12 @@ def names(monkeypatch):
     return TASKS
 
 
-def actions(env, steps, seed=0):
-    return (
-        np.sign(seen := np.random.default_rng(seed).uniform(-1, 1, (steps, *env.action_space.shape))) * abs(seen) ** 0.3
-    )
+def actions(env, steps):
+    values = np.random.default_rng(0).uniform(-1, 1, (steps, *env.action_space.shape))
+    return np.sign(values) * abs(values) ** 0.3
 
 
-@pytest.mark.parametrize("periods", [1, 3])
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name, periods", [*((name, 1) for name in SCENES), ("Rotate", 3), ("Sort", 3)])
 def test_shipped_rewards_are_the_same_bits_in_numpy(names, name, periods):
     """Compare the kernels with :meth:`Task.reward` called by a custom task."""
     own = type("Same", (names[name],), {"reward": lambda self, step: Task.reward(self, step)})
@@ -113,48 +110,21 @@ def test_a_goal_observation_keeps_its_reward(names):
     quiet, plain = (VibgymEnv(name, action="field", observation="goal") for name in ("Quiet", "Align"))
     assert_same(quiet.reset(seed=0), plain.reset(seed=0))
     assert_same(quiet.step(np.ones(6)), plain.step(np.ones(6)))
-    with pytest.raises(ValueError, match=r"task_settings\.weights"):
-        VibgymEnv("Align", observation="goal", task_settings={"weights": {"time": 0.1}})
-
-
-def test_arrays_of_a_step_are_read_only(names):
-    def meddle(self, step):
-        step.now.pose[...] = 0.0
-        return Task.reward(self, step)
-
-    names.register("Meddling", type("Meddling", (Align,), {"reward": meddle}))
-    with pytest.raises(ValueError, match="read-only"):
-        VibgymEnv("Meddling")
-
-
-@pytest.mark.parametrize("weights, message", [
-    ({"speed": 1.0}, "'speed'"),
-    ({"time": float("nan")}, r"\.time"),
-    ({3: 1.0}, r"\.3"),
-])  # fmt: skip
-@pytest.mark.parametrize("task", ["Align", "Quiet"])
-def test_bad_weights_are_refused(names, task, weights, message):
-    with pytest.raises(ValueError, match=rf"{message}"):
-        VibgymEnv(task, task_settings={"weights": weights})
-
-
-def returning(values):
-    """A reward with valid first values, followed by ``values`` or its result for the step."""
-    return lambda self, step: values(step)
 
 
 @pytest.mark.parametrize("terms, reward, message", [
     ({"a": 1.0}, lambda step: {"b": step.gap}, "no attribute 'gap'"),
     ({"a": 1.0}, lambda step: {"b": step.now.gap}, "terms of the reward of Mine"),
-    ({"a": 1.0}, lambda step: {"a": step.now.gap[:, 0]}, r"reward of Mine, term 'a'"),
-    ({"a": 1.0}, lambda step: {"a": np.array([["one"]])}, r"reward of Mine, term 'a'"),
+    ({"a": 1.0}, lambda step: {"a": step.now.gap[:, 0]}, "reward of Mine, term 'a'"),
+    ({"a": 1.0}, lambda step: {"a": np.array([["one"]])}, "reward of Mine, term 'a'"),
     ({"a": 1.0}, lambda step: step.now.gap, "reward of Mine"),
+    ({"a": 1.0}, lambda step: {"a": np.multiply(step.now.pose, 0.0, out=step.now.pose)}, "read-only"),
     ({"a": ("gap", 1.0)}, None, r"Mine.TERMS\['a'\]\[0\]"),
     ({"a": 1.0}, None, r"Mine.TERMS\['a'\]"),
     ({"a": float("inf")}, lambda step: {}, r"Mine.TERMS\['a'\]"),
 ])  # fmt: skip
 def test_bad_rewards_are_refused_at_construction(names, terms, reward, message):
-    own = {} if reward is None else {"reward": returning(reward)}
+    own = {} if reward is None else {"reward": lambda self, step: reward(step)}
     names.register("Mine", type("Mine", (Align,), {"TERMS": terms, **own}))
     with pytest.raises((ValueError, AttributeError), match=message):
         VibgymEnv("Mine")
@@ -163,8 +133,8 @@ def test_bad_rewards_are_refused_at_construction(names, terms, reward, message):
 @pytest.mark.parametrize("later, message", [
     (lambda step: {"a": np.full((1, 1), np.nan)}, "reward of Mine, term 'a', part 0 of world 0"),
     (lambda step: {"a": np.full((1, 1), 1e308)}, "reward of Mine, term 'a', part 0 of world 0"),
-    (lambda step: {"a": np.zeros(1)}, r"reward of Mine, term 'a'"),
-    (lambda step: {"a": step.now.gap, "b": step.now.gap}, r"reward of Mine"),
+    (lambda step: {"a": np.zeros(1)}, "reward of Mine, term 'a'"),
+    (lambda step: {"a": step.now.gap, "b": step.now.gap}, "reward of Mine"),
 ])  # fmt: skip
 def test_bad_rewards_are_refused_by_the_step(names, later, message):
     def reward(self, step):
@@ -177,23 +147,18 @@ def test_bad_rewards_are_refused_by_the_step(names, later, message):
         env.step(np.ones(6))
 
 
-def test_weights_of_terms_without_a_default(names):
+def test_weights_of_terms(names):
+    """Of a term without a default, and of a shipped task."""
     names.register("Mine", type("Mine", (Align,), {"reward": lambda self, step: {"near": -step.now.position_error}}))
-    env = VibgymEnv("Mine", action="field", task_settings={"weights": {"near": 10.0}})
-    env.reset(seed=0)
-    _, reward, *_, info = env.step(np.zeros(6))
-    assert reward == pytest.approx(-10.0 * info["position_error"]) and list(info["reward_terms"]) == ["near"]
+    mine, usual, other = (VibgymEnv(name, action="field", task_settings={"weights": weights}) for name, weights in (
+        ("Mine", {"near": 10.0}), ("Align", {}), ("Align", {"distance": -3.0}),
+    ))  # fmt: skip
+    for env in (mine, usual, other):
+        env.reset(seed=4)
+    for action in actions(usual, 5):
+        _, reward, *_, info = mine.step(action)
+        assert reward == pytest.approx(-10.0 * info["position_error"]) and list(info["reward_terms"]) == ["near"]
+        expected, terms = usual.step(action)[4]["reward_terms"], other.step(action)[4]["reward_terms"]
+        assert terms == {**expected, "distance": pytest.approx(-3.0 * expected["distance"], rel=1e-12)}
     with pytest.raises(ValueError, match=r"'time' of task_settings\.weights"):
         VibgymEnv("Mine", task_settings={"weights": {"near": 10.0, "time": 0.1}})
-
-
-def test_weights_of_a_shipped_task(names):
-    usual, other = (
-        VibgymEnv("Align", action="field", **s) for s in ({}, {"task_settings": {"weights": {"distance": -3.0}}})
-    )
-    usual.reset(seed=4), other.reset(seed=4)
-    for action in actions(usual, 5):
-        expected, got = usual.step(action)[4]["reward_terms"], other.step(action)[4]["reward_terms"]
-        assert got == {**expected, "distance": pytest.approx(-3.0 * expected["distance"], rel=1e-12)}
-    assert Align.TERMS["distance"] == ("distance", 1.0)  # of the class: unchanged
-    assert set(QUANTITIES) >= {quantity for quantity, _ in Align.TERMS.values()}

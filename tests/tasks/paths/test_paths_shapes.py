@@ -1,4 +1,4 @@
-"""Paths from settings: geometry, and bad input."""
+"""Paths from settings, and drawn ones: geometry, feasibility, and distances."""
 
 import math
 
@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 
 from vibgym import Part, Surface
 from vibgym.tasks import paths as route
-from vibgym.tasks.follow import GivenPaths
+from vibgym.tasks.follow import DrawnPaths, GivenPaths
 from vibgym.tasks.paths import EFFORT, Reach, rounded
 
 SURFACE = Surface()
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)
+STEEL = Part.rectangle(0.050, 0.040, friction=0.64)
 APART = math.sqrt(2.0) * SURFACE.element_size
 CIRCLE = {"shape": "circle", "centre_mm": [400, 104], "radius_mm": 60}
 SQUARE = {"shape": "square", "centre_mm": [400, 104], "side_mm": 120}
@@ -59,7 +60,7 @@ def test_a_square_touches_its_sides_and_leaves_its_corners():
     )
 
 
-@pytest.mark.parametrize("path", [CIRCLE, SQUARE, EIGHT], ids=lambda each: each["shape"])
+@pytest.mark.parametrize("path", [CIRCLE, SQUARE, EIGHT], ids=lambda path: path["shape"])
 def test_the_other_way_round(path):
     ahead, back = followed(path)[0], followed({**path, "clockwise": True})[0]
     assert ahead[0, :2] == pytest.approx(back[0, :2]) and ahead[-1, :2] == pytest.approx(ahead[0, :2])
@@ -70,14 +71,6 @@ def test_the_other_way_round(path):
 
     half = len(ahead) // 2  # of the figure of eight the first circle
     assert area(ahead[:half]) == pytest.approx(-area(back[:half]), abs=2e-5) and area(ahead[:half]) > area(back[:half])
-
-
-def test_a_polyline_passes_its_points_and_ends_at_the_last():
-    motion = followed(LINE)[0]
-    assert motion[0, :2] == pytest.approx([0.1, 0.05]) and motion[-1, :2] == pytest.approx([0.3, 0.15])
-    assert np.hypot(motion[:, 0] - 0.3, motion[:, 1] - 0.05).min() < 0.01
-    closed = followed({**LINE, "closed": True})[0]
-    assert closed[0, :2] == pytest.approx([0.2, 0.05]) and closed[-1, :2] == pytest.approx([0.2, 0.05])
 
 
 @given(
@@ -91,7 +84,7 @@ def test_rounded_corners_never_leave_the_line_by_more_than_their_sagitta(points,
         assert str(error).startswith("points")
         return
     header = np.array([[0.0, 0.1, 1.0, 0.05, 0.0, 0.0]])
-    path = route.routes(*(np.array([each], dtype=float) for each in course), header)[0]
+    path = route.routes(*(np.array([row], dtype=float) for row in course), header)[0]
     motion = route.sample(path, np.linspace(0.0, route.duration(path[0]), 500))
     corners = np.array([*points, points[0]] if closed else points)
     far = np.full(len(motion), np.inf)
@@ -104,13 +97,20 @@ def test_rounded_corners_never_leave_the_line_by_more_than_their_sagitta(points,
     assert motion[0, :2] == pytest.approx(first, abs=1e-9) and motion[-1, :2] == pytest.approx(last, abs=1e-7)
 
 
+def test_a_polyline_ends_at_its_last_point_or_where_it_begins():
+    ends = followed(LINE)[0][[0, -1], :2]
+    assert ends == pytest.approx(np.array([[0.1, 0.05], [0.3, 0.15]]))
+    ends = followed({**LINE, "closed": True})[0][[0, -1], :2]
+    assert ends == pytest.approx(np.array([[0.2, 0.05]] * 2))
+
+
 def test_heading_is_constant_or_along_the_path():
     kept, along = followed(CIRCLE)[0], followed({**CIRCLE, "heading": "along"})[0]
     assert (kept[:, 2] == kept[0, 2]).all() and (kept[:, 5] == 0).all()
     middle = len(along) // 2
     direction = math.atan2(along[middle, 4], along[middle, 3])
     assert math.cos(along[middle, 2] - direction) == pytest.approx(1.0, abs=1e-9)
-    speeds = [np.hypot(*each[:, 3:5].T).max() for each in (kept, along)]
+    speeds = [np.hypot(*motion[:, 3:5].T).max() for motion in (kept, along)]
     top = Reach(SURFACE, BLOCK).top_speed
     assert speeds == pytest.approx([top / 2, top / 3])
 
@@ -134,24 +134,50 @@ def test_parts_may_be_as_near_as_an_elements_diagonal():
     assert given_paths(crossing, late).lasts > 3.0
 
 
-BAD = {
-    "no shape": (3, r"paths\[0\]"),
-    "unknown shape": ({"shape": "star"}, r"paths\[0\].shape"),
-    "too fast": ({**CIRCLE, "speed": 0.3}, r"paths\[0\].speed"),
-    "too bent": ({**CIRCLE, "radius_mm": 5}, r"paths\[0\].speed"),
-    "too hasty": ({**CIRCLE, "acceleration": 3}, r"paths\[0\].acceleration"),
-    "off the surface": ({**CIRCLE, "centre_mm": [60, 104]}, r"paths\[0\].centre"),
-    "too large": ({**CIRCLE, "radius_mm": 120}, r"paths\[0\].radius"),
-    "back": ({"shape": "polyline", "points_mm": [[100, 50], [300, 50], [100, 50]]}, r"paths\[0\].points"),
-    "twice": ({"shape": "polyline", "points_mm": [[100, 50], [100, 50]]}, r"paths\[0\].points"),
-    "no room for corners": ({**SQUARE, "side_mm": 30}, r"paths\[0\].side"),
-    "laps of a line": ({**LINE, "laps": 2}, r"paths\[0\].laps"),
-}  # fmt: skip
+CASES = {
+    "one": (SURFACE, [BLOCK], {}),
+    "three": (SURFACE, [STEEL, BLOCK, STEEL], {}),
+    "five": (SURFACE, [BLOCK] * 5, {"shapes": ["circle", "square"]}),
+    "tall": (Surface(rows=24, columns=10), [BLOCK] * 4, {}),
+    "along": (SURFACE, [BLOCK, BLOCK], {"heading": "along", "speed": 0.08}),
+    "fast": (SURFACE, [BLOCK], {"speed": 0.2}),
+}
 
 
-@pytest.mark.parametrize("path, message", BAD.values(), ids=BAD)
-def test_bad_paths_are_refused_by_name(path, message):
-    with pytest.raises(ValueError, match=message):
-        given_paths(path)
-    with pytest.raises(ValueError, match="paths"):  # each part needs one
-        GivenPaths(SURFACE, [BLOCK, BLOCK], [CIRCLE], APART)
+def shape_of(path):
+    """Check the properties of a path."""
+    straight = np.diff(path[1:, route.START])[path[1:-1, route.CURVATURE] == 0].sum()
+    turns = (path[-1, route.DIRECTION] - path[1, route.DIRECTION]) / (2 * math.pi)
+    assert abs(turns) == pytest.approx(round(abs(turns)), abs=1e-9)
+    return {(0, False): "figure_eight", (1, False): "circle", (1, True): "square"}[round(abs(turns)), straight > 0.005]
+
+
+@pytest.mark.parametrize("surface, parts, settings", CASES.values(), ids=CASES)
+def test_properties_of_drawn_paths(surface, parts, settings):
+    drawn = DrawnPaths(surface, parts, settings, 0.0468)
+    paths = drawn.draw(np.random.default_rng(0).random((60, drawn.draws)))
+    reach = [Reach(surface, part) for part in parts]
+    times = np.linspace(0.0, drawn.lasts, 500)
+    shapes = set()
+    for world in paths:
+        motion = np.stack([route.sample(path, times) for path in world])
+        for k, part in enumerate(parts):
+            place, room = motion[k, :, :2], np.array([surface.width, surface.depth])
+            assert (place >= part.radius - 1e-9).all() and (place <= room - part.radius + 1e-9).all()
+            assert reach[k].most_effort(motion[k]) <= EFFORT + 2e-3
+            assert route.duration(world[k, 0]) <= drawn.lasts + 1e-12
+            assert motion[k, -1, :2] == pytest.approx(motion[k, 0, :2], abs=1e-9)  # all of them are closed
+            for j in range(k):
+                gap = np.hypot(*(place - motion[j, :, :2]).T) - part.radius - parts[j].radius
+                assert gap.min() >= 0.0468 - 1e-9
+            shapes.add(shape_of(world[k]))
+    assert shapes == set(settings.get("shapes", ["circle", "square", "figure_eight"]))
+
+
+def test_longest_and_shortest_draws_are_within_bounds():
+    """Uniform numbers at the ends of their range."""
+    drawn = DrawnPaths(SURFACE, [BLOCK], {}, 0.0468)
+    for value in (0.0, np.nextafter(1.0, 0.0)):
+        path = drawn.draw(np.full((1, drawn.draws), value))[0, 0]
+        motion = route.sample(path, np.linspace(0.0, drawn.lasts, 300))
+        assert motion[:, 0].min() >= BLOCK.radius - 1e-9 and motion[:, 1].max() <= SURFACE.depth - BLOCK.radius + 1e-9

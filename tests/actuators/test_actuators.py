@@ -1,4 +1,4 @@
-"""Prototype actuators: every effect against its definition, faults, draws from ranges, and bad settings."""
+"""Actuators: latency, custom ones, and every effect of the prototype against its definition."""
 
 import math
 
@@ -7,12 +7,97 @@ import numpy as np
 import pytest
 
 from vibgym import Surface
-from vibgym.actuators import ACTUATORS, nominal
+from vibgym.actuators import ACTUATORS, Actuators, nominal
 from vibgym.physics.core.drive import all_phasors, polar_drive
 
 SURFACE = Surface(rows=3, columns=4)
 W2 = SURFACE.angular_frequency**2
 PLAIN = {"dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
+
+
+class Weak(Actuators):
+    """Actuators that execute a share of the command, drawn for each episode."""
+
+    class Settings(Actuators.Settings):
+        least: float = 0.5
+
+    draws = 1
+
+    def __init__(self, *scene, **base):
+        super().__init__(*scene, **base)
+        self.share = np.ones((self.worlds, 1))
+
+    def begin(self, worlds, uniform):
+        self.share[worlds] = self.settings.least + (1.0 - self.settings.least) * uniform
+
+    def realise(self, phasors):
+        phasors *= self.share[:, :, None, None]
+
+    def custom_state(self):
+        return {"share": self.share}
+
+
+@pytest.fixture(autouse=True)
+def named(monkeypatch):
+    monkeypatch.setattr(ACTUATORS, "_items", {**ACTUATORS._items, "weak": Weak})
+
+
+def batch(worlds, actuators="ideal", **settings):
+    settings = {"action": "phasor", **settings}
+    return gym.make_vec("vibgym/Align-v0", num_envs=worlds, actuators=actuators, **settings).unwrapped
+
+
+def random_actions(env, steps, seed=1):
+    return np.random.default_rng(seed).uniform(-1, 1, (steps, *env.action_space.shape)).astype(np.float32)
+
+
+def test_exact_actuators_without_latency_equal_ideal_ones():
+    """Equal up to rounding, since the motion is stored as amplitude and phase."""
+    ideal, faithful = batch(3), batch(3, {"kind": "weak", "least": 1.0})
+    ideal.reset(seed=5), faithful.reset(seed=5)
+    for action in random_actions(ideal, 8):
+        ideal.step(action), faithful.step(action)
+        assert faithful.phasors(1) == pytest.approx(ideal.phasors(1), abs=1e-12)
+    assert faithful.truth.pose == pytest.approx(ideal.truth.pose, abs=1e-8)
+
+
+@pytest.mark.parametrize("periods, latency", [(1, 1), (1, 3), (4, 1), (4, 4), (4, 6), (3, 7)])
+def test_commands_take_effect_after_the_latency(periods, latency):
+    """Compare with environments of one period per step that get the delayed commands, at rest at first."""
+    slow = batch(2, {"kind": "weak", "least": 1.0, "latency": latency}, periods_per_step=periods)
+    fine = batch(2, {"kind": "weak", "least": 1.0})
+    slow.reset(seed=5), fine.reset(seed=5)
+    actions = random_actions(slow, 6)
+    for step, action in enumerate(actions):
+        slow.step(action)
+        for period in range(periods):
+            acting = (step * periods + period - latency) // periods
+            fine.step(actions[acting] if acting >= 0 else np.zeros_like(action))
+        assert (slow.truth.pose == fine.truth.pose).all(), step
+
+
+def test_a_reset_brings_the_elements_of_its_world_to_rest():
+    env = batch(2, {"kind": "weak", "latency": 2}, autoreset_mode="Disabled")
+    env.reset(seed=5)
+    action = np.ones(env.action_space.shape, dtype=np.float32)
+    for _ in range(3):
+        env.step(action)
+    assert all(np.abs(env.phasors(world)).max() > 0.1 for world in (0, 1))
+    env.reset(options={"reset_mask": np.array([True, False])})
+    env.step(action)
+    assert np.abs(env.phasors(0)).max() == 0.0 and np.abs(env.phasors(1)).max() > 0.1
+
+
+def test_estimators_use_the_mean_of_drawn_actuators(monkeypatch):
+    """The nominal value is the mean of the drawn range."""
+    monkeypatch.setattr(Weak, "nominal", lambda self: Weak(self.surface, self.worlds, self.periods), raising=False)
+    env = batch(2, "weak", sensor={"kind": "ideal", "estimator": "model"})
+    env.reset(seed=1)
+    assert (env.core.sensing.estimator._predictor._plant.share == 0.75).all()
+    env.step(random_actions(env, 1)[0])
+
+
+# -- the prototype -------------------------------------------------------------------------------------------------------
 
 
 def prototype(worlds=1, periods=1, **settings):
@@ -45,11 +130,6 @@ def done(own, commanded):
 
 
 ASKED = np.linspace(0.0, 0.39e-3, 12).reshape(3, 4)
-
-
-def test_without_effects_commands_are_executed():
-    amplitude, phase, _ = done(made(), command(1, ASKED, 1.0))
-    assert amplitude[0, 0] == pytest.approx(ASKED, abs=1e-15) and phase[0, 0, ASKED > 0] == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("form, below", [
@@ -162,7 +242,7 @@ def test_latencies_that_differ_from_world_to_world(periods):
     many.reset(np.arange(4), uniform)
     latencies = many.drawn()["latency"]
     assert latencies.tolist() == [0, 5, 2, 3]
-    one = [made(periods=periods, latency=int(each)) for each in latencies]
+    one = [made(periods=periods, latency=int(latency)) for latency in latencies]
     for step in range(5):
         commanded = 1e-5 * (step + 1)
         amplitude, _, lengths = done(many, command(4, commanded))
@@ -204,39 +284,3 @@ def test_the_data_sheet_contains_nominal_values_only():
     amplitude, _, _ = done(model, command(1, ASKED))
     expected = np.minimum(np.where(ASKED < 5e-5, ASKED**2 / 5e-5, ASKED), 2e-4)
     assert amplitude[0, 0] == pytest.approx(expected, abs=1e-6)
-
-
-def test_ranges_are_drawn_for_each_world():
-    settings = {"actuators": "prototype", "randomize": {"dead_zone": [5e-5, 1.5e-4], "latency": [0, 3]}}
-    drawn = gym.make_vec("vibgym/Align-v0", num_envs=3, **settings).reset(seed=7)[1]["drawn"]
-    assert (drawn["latency"] == np.round(drawn["latency"])).all() and len(np.unique(drawn["dead_zone"])) == 3
-
-
-BAD = [
-    ({"dead_zone": 3e-4, "limit": 2e-4}, r"actuators\.dead_zone"),
-    ({"limit": 1e-3}, r"actuators\.limit"),
-    ({"resolution": 1e-3}, r"actuators\.resolution"),
-    ({"dead": [[0, 1], [0, 1]]}, r"actuators\.dead"),
-    ({"dead": [[0, 1]], "stuck": [[0, 1, 1e-4, 0.0]]}, r"actuators\.stuck"),
-    ({"dead": 0.7, "stuck": 0.6}, r"actuators\.stuck"),
-    ({"dead": [[0, 4]]}, r"actuators\.dead"),
-    ({"stuck": [[0, 0, 1e-3, 0.0]]}, r"actuators\.stuck"),
-    ({"elements": [[[1.0, 0.0]]]}, r"actuators\.elements"),
-]
-
-
-@pytest.mark.parametrize("settings, message", BAD)
-def test_bad_settings_are_refused(settings, message):
-    with pytest.raises(ValueError, match=message):
-        prototype(2, **settings)
-
-
-@pytest.mark.parametrize("ranges, message", [
-    ({"dead_zone": [2e-4, 1e-4]}, r"randomize\['dead_zone'\]\[1\]"),
-    ({"latency": [0, 1.5]}, r"randomize\['latency'\]\[1\]"),
-    ({"limit": [5e-5, 2e-4]}, r"randomize\['limit'\]"),
-    ({"dead": 0.5}, r"randomize\['dead'\]"),
-])  # fmt: skip
-def test_bad_ranges_are_refused(ranges, message):
-    with pytest.raises(ValueError, match=message):
-        gym.make("vibgym/Align-v0", actuators="prototype", randomize=ranges)

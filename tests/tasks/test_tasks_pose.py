@@ -1,4 +1,4 @@
-"""The scoring kernel against a plain reference, and symmetry of headings."""
+"""Transport, Align and Rotate: scores against a plain reference, symmetry of headings, starts and goals."""
 
 import math
 
@@ -25,22 +25,22 @@ class Reference:
 
     def __init__(self, task, period, pose, goal):
         self.task, self.period, self.goal, self.held = task, period, goal, 0
-        self.distance, self.heading_error = self.errors(pose)
+        self.distance, self.turn = self.errors(pose)
 
     def errors(self, pose):
         distance = math.hypot(self.goal[0] - pose[0], self.goal[1] - pose[1])
-        heading_error = self.goal[2] - pose[2]
+        turn = self.goal[2] - pose[2]
         if self.task == "Transport" or self.period == 0:
-            heading_error = 0.0
+            turn = 0.0
         elif self.task == "Align":
-            heading_error = min(abs(heading_error + k * self.period) for k in range(-40, 41))
-        return distance, abs(heading_error)
+            turn = min(abs(turn + k * self.period) for k in range(-40, 41))
+        return distance, abs(turn)
 
     def step(self, pose, fallen, diverged):
-        before, turned = self.distance, self.heading_error
-        self.distance, self.heading_error = self.errors(pose)
+        before, turned = self.distance, self.turn
+        self.distance, self.turn = self.errors(pose)
         inside = self.distance <= POSITION[self.task] and (
-            HEADING[self.task] is None or self.heading_error <= HEADING[self.task]
+            HEADING[self.task] is None or self.turn <= HEADING[self.task]
         )
         self.held = self.held + 1 if inside and not fallen and not diverged else 0
         success = self.held >= 10
@@ -48,8 +48,8 @@ class Reference:
         terms = {
             "distance": min(max((before - self.distance) / 0.1, -1), 1),
             "approach": near(before, 0.01) - near(self.distance, 0.01),
-            "turn": min(max(turned - self.heading_error, -1), 1),
-            "alignment": near(turned, 0.15) - near(self.heading_error, 0.15),
+            "turn": min(max(turned - self.turn, -1), 1),
+            "alignment": near(turned, 0.15) - near(self.turn, 0.15),
             "inside": 0.1 if inside else 0.0,
             "time": -0.02,
             "success": 5.0 if success else 0.0,
@@ -90,7 +90,7 @@ def test_score_kernel(task, part, period):
             assert (result.success[k], result.ended[k]) == (success, ended), (step, k)
             assert result.position_error[k] == pytest.approx(reference[k].distance, abs=1e-15)
             assert result.heading_error[k] == abs(scorer.relations.error[k, 0, 2])
-            assert result.heading_error[k] == pytest.approx(reference[k].heading_error, abs=1e-8)
+            assert result.heading_error[k] == pytest.approx(reference[k].turn, abs=1e-8)
         seen["success"] += result.success.sum()
         seen["fallen"] += fallen.sum()
         seen["diverged"] += diverged.sum()
@@ -122,21 +122,55 @@ def test_rotate_does_not_wrap(part, goal, heading):
     assert heading_error("Rotate", part, goal, heading) == goal - heading
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_hold_and_time_count_periods_not_steps(task):
+@pytest.mark.parametrize("periods", [1, 4])
+def test_hold_and_time_count_periods_not_steps(periods):
     """With four periods a step, the third step at the goal is the twelfth period, with the cost of twelve steps of one."""
+    task = Align(Surface(), [BLOCK])
+    start = task.start(np.full((1, task.draws), 0.3))
+    scorer, cost = Scorer(task, 1, periods), 0.0
+    scorer.begin(start)
+    for step in range(periods, 13, periods):
+        scorer.score(start.goal)
+        cost += scorer.episode.terms[0, list(task.TERMS).index("time")]
+        assert scorer.episode.success[0] == (step >= 10)
+    assert cost == pytest.approx(-0.24)
+
+
+# -- starts and goals ----------------------------------------------------------------------------------------------------
+
+BELOW_ONE = np.nextafter(1.0, 0.0)
+UNIFORM = st.one_of(st.sampled_from([0.0, 0.5, BELOW_ONE]), st.floats(0.0, BELOW_ONE))
+
+
+@pytest.mark.parametrize("part", [BLOCK, Part.disc(0.1, friction=0.5), WEDGE], ids=["block", "just fits", "wedge"])
+@pytest.mark.parametrize("surface", [Surface(), Surface(rows=32, columns=8)], ids=["wide", "tall"])
+@pytest.mark.parametrize("task", TASKS)
+@given(numbers=st.lists(UNIFORM, min_size=6, max_size=6))
+def test_the_part_is_wholly_on_the_surface_at_start_and_goal(task, surface, part, numbers):
+    made = TASKS[task](surface, [part])
+    (start,), (goal,) = made.draw(np.array([numbers[: made.draws]]))
+    assert -math.pi <= start[2] <= math.pi and (task != "Align" or -math.pi <= goal[2] <= math.pi)
+    if task == "Rotate":
+        assert (goal[:2] == start[:2]).all() and abs(goal[2] - start[2]) <= 2 * math.pi + 1e-12
+    for x, y, heading in (start, goal):
+        cosine, sine = math.cos(heading), math.sin(heading)
+        corners = [x, y] + part.outline @ np.array([[cosine, sine], [-sine, cosine]])
+        assert (corners >= -1e-12).all() and (corners <= [surface.width + 1e-12, surface.depth + 1e-12]).all()
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_draws_fill_their_ranges(task):
     made = TASKS[task](Surface(), [BLOCK])
-    start = made.start(np.full((1, made.draws), 0.3))
-    one, four = Scorer(made, 1), Scorer(made, 1, periods=4)
-    for scorer in (one, four):
-        scorer.begin(start)
-    cost = {"one": 0.0, "four": 0.0}
-    for step in range(1, 13):
-        one.score(start.goal)
-        cost["one"] += one.episode.terms[0, list(made.TERMS).index("time")]
-        assert one.episode.success[0] == (step >= 10)
-    for step in range(1, 4):
-        four.score(start.goal)
-        cost["four"] += four.episode.terms[0, list(made.TERMS).index("time")]
-        assert four.episode.success[0] == (step == 3)
-    assert cost["four"] == pytest.approx(cost["one"]) and cost["one"] == pytest.approx(-0.24)
+    start, goal = made.draw(np.random.default_rng(0).random((20_000, made.draws)))
+    radius = BLOCK.radius
+    low, high = np.array([radius, radius]), np.array([0.832 - radius, 0.208 - radius])
+    for poses in (start, goal):
+        for axis in range(2):
+            share = np.histogram(poses[:, axis], 10, (low[axis], high[axis]))[0] / len(poses)
+            assert share == pytest.approx(0.1, abs=0.015)  # 7 standard deviations
+    assert np.histogram(start[:, 2], 10, (-math.pi, math.pi))[0] / len(start) == pytest.approx(0.1, abs=0.015)
+    turn = goal[:, 2] - start[:, 2]
+    if task == "Rotate":
+        assert np.histogram(turn, 10, (-2 * math.pi, 2 * math.pi))[0] / len(turn) == pytest.approx(0.1, abs=0.015)
+    columns = {"Transport": [*start.T, *goal.T[:2]], "Align": [*start.T, *goal.T], "Rotate": [*start.T, turn]}[task]
+    assert np.corrcoef(columns) == pytest.approx(np.eye(made.draws), abs=0.05)  # all numbers differ
