@@ -1,4 +1,4 @@
-"""The averaged model against the planar one, its order in the step, and its behaviour as a simulator."""
+"""The averaged model against the planar one, its order in the step, and fast parts."""
 
 import math
 
@@ -98,19 +98,6 @@ def test_a_drive_that_changes_every_period():
     assert error[1] < error[0] / 4 and error[1] < 0.04 * size, (error, size)
 
 
-def test_mean_acceleration_over_one_period():
-    """From the same state, the change of velocity in a period."""
-    given = scene(48, seed=7, velocity=(0.05, -0.03), spin=1.0)
-    exact = run(given, 1, **CONVERGED)
-    error = []
-    for order in (1, 2):
-        difference = (averaged(given, 1, order=order, steps=8).velocity - exact.velocity)[:, 0]
-        error.append((np.hypot(*difference[:, :2].T).mean(), np.abs(difference[:, 2]).mean()))
-    gained = (exact.velocity - given[1])[:, 0]
-    assert error[1][0] < error[0][0] / 3 and error[1][1] < error[0][1] / 3
-    assert error[1][0] < 0.04 * np.hypot(*gained[:, :2].T).mean()
-
-
 def test_idle_circle_is_a_fixed_point():
     """Elements at rest: no mean velocity, and the start of the circle to the order of the wobble, eps^2."""
     worlds = 4
@@ -129,31 +116,6 @@ def test_idle_circle_is_a_fixed_point():
 
 
 # -- invariants --------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_a_phase_shift_turns_the_steady_velocity(order):
-    surface = Surface(rows=1, columns=1, element_size=8.0)
-
-    def steady(delta):
-        simulator = Simulator(surface, BLOCK, model="averaged", order=order)
-        simulator.reset([4.0, 4.0, 0.4])
-        simulator.advance(surface.max_amplitude, 1.5 * math.pi + delta, 200)
-        return complex(*simulator.mean_velocity[0, 0, :2])
-
-    for delta in (0.3, 1.9, -2.5):
-        assert abs(steady(delta) - steady(0.0) * np.exp(-1j * delta)) < 1e-7
-
-
-@pytest.mark.parametrize("part", [BLOCK, Part.disc(0.012, friction=0.6)])
-def test_a_part_on_one_element_does_not_start_to_spin(part):
-    surface = Surface(rows=1, columns=1, element_size=8.0)
-    rng = np.random.default_rng(4)
-    simulator = Simulator(surface, part, worlds=16, model="averaged")
-    simulator.reset(rng.uniform([3, 3, -3], [5, 5, 3], (16, 1, 3)))
-    simulator.advance(rng.uniform(0, surface.max_amplitude, (16, 1, 1)), rng.uniform(-3, 3, (16, 1, 1)), 50)
-    assert np.abs(simulator.velocity[..., 2]).max() < 1e-8
-    assert np.hypot(*simulator.mean_velocity[:, 0, :2].T).max() > 0.05
 
 
 def test_spin_decays_as_in_the_planar_model():
@@ -249,48 +211,6 @@ def test_calls_may_be_split():
     assert np.median(np.abs((split.pose - once.pose)[:, 0, :2])) < 1e-4
 
 
-# -- as a simulator ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("knobs", [{}, {"order": 1}, {"stride": 2, "steps": 3}])
-def test_same_bits_for_threads_and_any_place_in_the_batch(knobs):
-    given = scene(300, seed=6, spin=8.0, margin=0.03)
-    one, two = averaged(given, 7, threads=1, **knobs), averaged(given, 7, threads=2, **knobs)
-    chosen = np.random.default_rng(0).permutation(300)[:33]
-    few = averaged(tuple(values[chosen] for values in given), 7, threads=1, **knobs)
-    assert len(two.blocks.edges) > 1
-    for name in one.get_state():
-        assert np.array_equal(one.get_state()[name], two.get_state()[name])
-        if name != "periods":
-            assert np.array_equal(one.get_state()[name][chosen], few.get_state()[name])
-    assert np.abs(one.pose - given[0]).max() > 0.005
-
-
-def test_falling_over_the_border():
-    simulator = Simulator(SURFACE, BLOCK, worlds=2, model="averaged")
-    simulator.reset([[[0.015, 0.1, 0.0]], [[0.4, 0.1, 0.0]]], [-0.25, 0.0, 0.0])
-    simulator.advance(0.0, 0.0, 3)
-    assert simulator.fallen[:, 0].tolist() == [True, False] and not simulator.diverged.any()
-    assert (simulator.velocity[0] == 0).all() and (simulator.mean_velocity[0] == 0).all()
-    assert 0.0 <= simulator.pose[0, 0, 0] < 0.015
-    rests = simulator.pose[0]
-    simulator.advance(SURFACE.max_amplitude, 0.0, 3)
-    assert np.array_equal(simulator.pose[0], rests)
-
-
-def test_divergence_keeps_the_last_finite_state():
-    simulator = Simulator(SURFACE, BLOCK, worlds=3, model="averaged")
-    simulator.reset([0.4, 0.1, 0.0], [0.01, 0.0, 0.0])
-    state = simulator.get_state()
-    state["velocity"][1, 0, 2] = 1e308
-    simulator.set_state(state)
-    simulator.advance(1e-4, 0.0, 4)
-    state = simulator.get_state()
-    assert all(np.isfinite(values).all() for values in state.values())
-    assert not simulator.diverged[0] and not simulator.diverged[2]
-    assert np.array_equal(simulator.pose[0], simulator.pose[2])
-
-
 @pytest.mark.parametrize("speed", [0.38, 0.4241, 0.47, 2.0, 30.0])
 @pytest.mark.parametrize("direction", [0.0, 1.1, 2.9])
 def test_as_fast_as_the_table_and_faster(speed, direction):
@@ -308,14 +228,3 @@ def test_as_fast_as_the_table_and_faster(speed, direction):
     exact.advance(2e-4, 0.7)
     error = np.abs(simulator.velocity - exact.velocity)[0, 0, :2].max()
     assert error < (0.03 if speed < 1.0 else 0.002)
-
-
-@pytest.mark.parametrize("surface, part", [
-    (Surface(horizontal_amplitude=0.0), BLOCK),
-    (Surface(horizontal_amplitude=0.4e-3), BLOCK),
-    (SURFACE, Part.disc(0.02, friction=0.6, static_friction=5.0)),
-])  # fmt: skip
-def test_scenes_that_may_stick_are_refused_with_an_alternative(surface, part):
-    with pytest.raises(ValueError, match="model.*averaged.*model='planar'"):
-        Simulator(surface, part, model="averaged")
-    Simulator(surface, part, model="planar")

@@ -144,21 +144,6 @@ def test_permanent_sliding_never_sticks(friction):
     assert not sim.sticking.any() and not sim.diverged.any()
 
 
-def test_sticking_is_state():
-    """Sticking is part of snapshots, and a reset clears it."""
-    surface = Surface(horizontal_amplitude=1.05 * THRESHOLD)
-    sim = simulator(surface, velocity=on_the_table(surface), static_friction=0.7)
-    sim.advance(0.0, 0.0, 3)
-    state, other = sim.get_state(), simulator(surface, static_friction=0.7)
-    other.set_state(state)
-    for each in (sim, other):
-        each.advance(0.0, 0.0, 3)
-        assert each.sticking.all()
-    assert (sim.pose == other.pose).all()
-    sim.reset([0.4, 0.1, 0.3])
-    assert not sim.sticking.any()
-
-
 def power(load, x, y, sx, sy, spin):
     return float(np.sum(load * np.hypot(sx + spin * y, sy - spin * x)))
 

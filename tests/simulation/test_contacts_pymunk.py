@@ -1,24 +1,15 @@
-"""Contacts by pymunk: coefficients, walls, masses, states, failures; see also test_contacts_stepped."""
+"""Contacts by pymunk: coefficients, walls, masses, an interruption, thin parts; see also test_contacts_crowds."""
 
-import copy
 import math
-import pickle
 
-import gymnasium as gym
 import numpy as np
 import pymunk
 import pytest
 
-import vibgym  # noqa: F401 - registers the environments
-from tests.simulation.helpers import random_fields, same, snapshot
-from vibgym import Part, Simulator, Surface
+from tests.simulation.helpers import STEEL, STILL, SURFACE, same, snapshot
+from vibgym import Part, Simulator
 from vibgym.fields import radial, uniform
 from vibgym.scene.hulls import WALLS
-
-SURFACE = Surface()
-STILL = Surface(20, 20, 0.05, 0.0)
-STEEL = Part.rectangle(0.05, 0.04, friction=0.64, height=0.004, name="steel")
-H = 0.004  # s, contact step
 
 
 def by_pymunk(surface, parts, **more):
@@ -86,34 +77,6 @@ def test_a_hit_part_reaches_one_that_was_far_away():
     assert simulator.velocity[0, 2, 0] > 2.5  # closed form: nearly twice the velocity of the heavy one
 
 
-@pytest.mark.parametrize("speed", [0.3, 0.8])
-def test_a_state_in_the_middle_of_an_impact_is_restored(speed):
-    """Overlaps by impacts may be deeper than with certified contacts; the state goes on bit for bit, also in a copy."""
-    fields = radial(0.416, 0.104).drive(SURFACE)
-    deepest = 0.0
-    for shift in np.linspace(0.0, 8e-3, 9):
-        simulator = by_pymunk(SURFACE, [STEEL] * 3, walls=WALLS)
-        velocity = [[speed, 0.0, 0.0], [-speed, 0.0, 1.0], [-speed, 0.1, 0.0]]
-        simulator.reset([[0.39 - shift, 0.1, 0.0], [0.45, 0.1, 0.1], [0.51, 0.11, 0.0]], velocity)
-        simulator.advance(*fields)
-        state, others = simulator.get_state(), [by_pymunk(SURFACE, [STEEL] * 3, walls=WALLS)]
-        others += [copy.deepcopy(simulator), pickle.loads(pickle.dumps(simulator))]
-        others[0].set_state(state)
-        for other in (simulator, *others):
-            other.advance(*fields, 3)
-            assert same(snapshot(other), snapshot(simulator))
-        deepest = max(deepest, simulator.deepest_overlap)
-    assert deepest > 0.4 * speed * H
-
-
-def test_parts_far_apart_need_no_space(monkeypatch):
-    simulator = by_pymunk(SURFACE, [STEEL] * 2)
-    simulator.reset([[0.2, 0.1, 0.0], [0.6, 0.1, 0.0]])
-    monkeypatch.setattr(pymunk, "Space", None)
-    simulator.advance(*random_fields(SURFACE, 1), 3)
-    assert simulator.statistics == {"free": 3, "near": 0, "contact": 0, "contact_steps": 0}
-
-
 def test_an_interrupted_step_leaves_no_trace(monkeypatch):
     """Ctrl-C within a space's step: afterwards a restored state goes on as before."""
     fields = radial(0.416, 0.104).drive(SURFACE)
@@ -159,44 +122,3 @@ def test_thin_parts_take_shorter_steps():
     simulator.advance(*uniform(math.pi).drive(SURFACE), 15)
     assert simulator.statistics["contact_steps"] > 0 and simulator.deepest_overlap < 0.05e-3
     assert 0.0 < simulator.pose[0, 0, 0] < simulator.pose[0, 1, 0] - 0.019
-
-
-@pytest.mark.parametrize(
-    "parts, more, message",
-    [
-        ([Part.rectangle(0.05, 9e-5, friction=0.6), STEEL], {}, r"0.09 mm wide.*|at least 0\.1 mm wide"),
-        ([Part.disc(0.01, friction=0.6, mass=1e-4), Part.disc(0.03, friction=0.6, mass=0.5)], {}, "ratio of at most 2000"),
-        ([disc(0.01 * k) for k in range(32)], {}, r"parts must be parts with at most 31 such pairs.*got '32 different pairs"),
-    ],
-)  # fmt: skip
-def test_refusals(parts, more, message):
-    with pytest.raises(ValueError, match=message) as refused:
-        by_pymunk(SURFACE, parts, **more)
-    assert len(str(refused.value).splitlines()) == 1
-
-
-def test_drawn_masses_beyond_the_range_are_refused():
-    simulator = by_pymunk(SURFACE, [STEEL] * 2)
-    simulator.reset([[0.2, 0.1, 0.0], [0.6, 0.1, 0.0]])
-    with pytest.raises(ValueError, match="mass must be masses with a ratio of at most 2000"):
-        simulator.set_conditions([0], mass=[[0.01, 100.0]])
-
-
-@pytest.mark.parametrize("name", sorted(name for name in gym.registry if name.startswith("vibgym/")))
-def test_every_environment(name):
-    """With one part and no walls there are no contacts to choose; elsewhere a batch has the bits of single environments."""
-    more = {"model": {"kind": "planar", "contacts": "pymunk"}}
-    if (
-        not gym.make(name).unwrapped.core.simulator.hulls.owner[2:].size
-        and not gym.make(name).unwrapped.core.simulator.walls
-    ):
-        with pytest.raises(ValueError, match="contacts requires several parts or walls"):
-            gym.make(name, **more)
-        return
-    batch, alone = gym.make_vec(name, num_envs=2, **more), gym.make(name, **more)
-    seen, (one, _) = batch.reset(seed=7)[0], alone.reset(seed=8)
-    rng = np.random.default_rng(0)
-    for _ in range(4):
-        assert (one == seen[1]).all() and np.isfinite(seen).all()
-        action = rng.uniform(-1, 1, batch.action_space.shape).astype(np.float32)
-        (seen, *_), (one, *_) = batch.step(action), alone.step(action[1])
