@@ -262,16 +262,6 @@ def test_a_part_alone_gets_the_same_push_from_all_its_elements():
     assert push[under] == pytest.approx(np.tile(wanted[0, 0, :2] / (1 + DAMPING), (under.sum(), 1)), abs=1e-9)
 
 
-def test_torques_beyond_the_limit_take_all_of_all_elements():
-    """Elements near the centre compensate for the limit of those at the ends, up to nearly the largest torque."""
-    pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.0, 0.0, 3.0]]])
-    push = allocator(STEEL, least=0.0).pushes(pose, THERE, wanted)
-    torque = error((STEEL,), pose[0], push[0], np.zeros((1, 3)))[0][0, 2]
-    *_, share, lever = cut((STEEL,), pose[0])
-    most = np.hypot(*lever.T).sum() / math.sqrt(STEEL.gyration)
-    assert -torque > 0.97 * most
-
-
 def least_error(parts, pose, wanted):
     """Return the least expected error of pushes up to 1, by many steps of the projected gradient; the problem is convex."""
     part, element, share, lever = cut(parts, pose)

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from vibgym import Part, Simulator, Surface
+from tests.simulation.helpers import SURFACE, simulated
+from vibgym import Part
 from vibgym.allocation.frictional import FrictionalInverse
 
-SURFACE = Surface()
 RNG = np.random.default_rng(5)
 AMPLITUDE = RNG.uniform(0.0, SURFACE.max_amplitude, (3, 8, 32))
 PHASE = RNG.uniform(-math.pi, math.pi, (3, 8, 32))
@@ -24,9 +24,7 @@ SHAPES = {
 
 def played(part, share, periods=20, **knobs):
     """Poses and velocities after some periods, with the amplitudes times ``share``."""
-    sim = Simulator(SURFACE, part, worlds=3, **knobs)
-    sim.reset(POSE)
-    sim.advance(share * AMPLITUDE, PHASE, periods)
+    sim = simulated(SURFACE, part, POSE, None, share * AMPLITUDE, PHASE, periods, **knobs)
     return np.concatenate([sim.pose, sim.velocity], axis=-1)
 
 
@@ -43,13 +41,11 @@ def test_coupling_equals_a_smaller_amplitude(shape, knobs, coupling):
 def test_coupling_per_part_with_unchanged_contacts():
     """Two touching parts, of which the undriven one blocks the other."""
     pusher, still = SHAPES["disc"](), SHAPES["block"](coupling=0.0, name="soft")
-    sim = Simulator(SURFACE, [pusher, still, SHAPES["block"]()], worlds=1)
-    sim.reset([[[0.2, 0.1, 0.0], [0.25, 0.1, 0.0], [0.6, 0.1, 0.0]]])
-    sim.advance(SURFACE.max_amplitude, -math.pi / 2, 12)  # drives all coupled parts to the right
+    right = None, SURFACE.max_amplitude, -math.pi / 2, 12  # drives all coupled parts to the right
+    pose = [[0.2, 0.1, 0.0], [0.25, 0.1, 0.0], [0.6, 0.1, 0.0]]
+    sim = simulated(SURFACE, [pusher, still, SHAPES["block"]()], pose, *right)
     moved = sim.pose[0, :, 0] - [0.2, 0.25, 0.6]
-    free = Simulator(SURFACE, SHAPES["block"](coupling=0.0), worlds=1)
-    free.reset([0.25, 0.1, 0.0])
-    free.advance(SURFACE.max_amplitude, -math.pi / 2, 12)
+    free = simulated(SURFACE, SHAPES["block"](coupling=0.0), pose[1], *right)
     alone = free.pose[0, 0, 0] - 0.25
     assert abs(alone) < 6e-3  # from rest, it soon slides in place
     assert moved[1] > alone + 2e-3 and moved[0] < moved[2]  # pushed, which slows the pusher down

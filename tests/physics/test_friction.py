@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.simulation.helpers import SURFACE, random_scene, simulated
 from vibgym import Part, Simulator, Surface
 from vibgym.bounds.time_bound import TimeBound
 from vibgym.physics.core.records import LAW_SPEED
@@ -80,7 +81,7 @@ def test_slow_parts_are_braked_by_the_mean_of_both_slopes(law):
     speed, mu, v, periods, step = ONE.table_speed, 0.02, 1e-3, 25, 1e-5
     part = Part.disc(0.02, friction=mu, friction_law=law)
     simulator = Simulator(ONE, part, worlds=2, substeps=16)
-    simulator.reset(np.tile([4.0, 4.0, 0.0], (2, 1, 1)), np.array([[[0.0, 0.0, 0.0]], [[v, 0.0, 0.0]]]))
+    simulator.reset([4.0, 4.0, 0.0], [[[0.0, 0.0, 0.0]], [[v, 0.0, 0.0]]])
     made = FRICTION_LAWS.make("law", law or "stribeck")
     slope = (made(np.array(speed + step)) - made(np.array(speed - step))) / (2.0 * step)
     rate = 0.5 * mu * G * (made(np.array(speed)) / speed + slope)
@@ -104,31 +105,19 @@ def test_motion_is_that_of_an_independent_integration(law):
         pull = mu * float(made(np.array(size))) * normal / size
         return [y[2], y[3], pull * ux, pull * uy]
 
-    found = solve_ivp(rates, (0.0, periods / 25.0), [4.0, 4.0, 0.0, 0.0], rtol=1e-11, atol=1e-13)
-    simulator = Simulator(ONE, part, substeps=16)
-    simulator.reset([[[4.0, 4.0, 0.0]]])
-    simulator.advance(amplitude, phase, periods)
-    moved = found.y[:2, -1] - 4.0
+    solution = solve_ivp(rates, (0.0, periods / 25.0), [4.0, 4.0, 0.0, 0.0], rtol=1e-11, atol=1e-13)
+    simulator = simulated(ONE, part, [4.0, 4.0, 0.0], None, amplitude, phase, periods, substeps=16)
+    moved = solution.y[:2, -1] - 4.0
     assert np.linalg.norm(moved) > 5e-3
-    np.testing.assert_allclose(
-        simulator.state.pose[0, 0, :2] - 4.0, moved, atol=1e-5 * float(np.linalg.norm(moved)) + 1e-8
-    )
+    np.testing.assert_allclose(simulator.pose[0, 0, :2] - 4.0, moved, atol=1e-5 * np.linalg.norm(moved) + 1e-8)
 
 
 def test_a_law_of_ones_changes_nothing():
     FRICTION_LAWS.register("ones", lambda: np.ones_like)
-    table = Surface()
-    plain, lawful = (
-        Simulator(table, Part.rectangle(0.05, 0.035, friction=0.5, friction_law=law), worlds=3, pieces=2)
-        for law in (None, {"kind": "ones"})
-    )
-    poses = np.array([[[0.2, 0.1, 0.3]], [[0.4, 0.08, 1.0]], [[0.6, 0.12, -2.0]]])
-    rng = np.random.default_rng(0)
-    amplitude, phase = rng.uniform(0, 3e-4, (3, 8, 32)), rng.uniform(-3, 3, (3, 8, 32))
-    for simulator in (plain, lawful):
-        simulator.reset(poses)
-        simulator.advance(amplitude, phase, 20)
-    np.testing.assert_allclose(lawful.state.pose, plain.state.pose, rtol=0, atol=1e-11)
+    parts = [Part.rectangle(0.05, 0.035, friction=0.5, friction_law=law) for law in (None, {"kind": "ones"})]
+    scene = random_scene(SURFACE, 3)
+    plain, lawful = (simulated(SURFACE, part, *scene, 20, pieces=2).pose for part in parts)
+    np.testing.assert_allclose(lawful, plain, rtol=0, atol=1e-11)
 
 
 def test_a_part_sticks_by_the_coefficient_at_rest():
@@ -136,10 +125,8 @@ def test_a_part_sticks_by_the_coefficient_at_rest():
     for rise, sticks in ((1.02, True), (0.97, False)):
         part = Part.disc(0.02, friction=0.5 * limit, friction_law={"kind": "stribeck", "rise": rise, "speed": 0.05})
         assert part.static_friction == pytest.approx(0.5 * limit * (1.0 + rise))
-        simulator = Simulator(ONE, part)
-        simulator.reset([[[4.0, 4.0, 0.0]]], [[[0.0, ONE.table_speed, 0.0]]])  # the table's velocity at the start
-        simulator.advance(0.0, 0.0, 3)
-        assert bool(simulator.state.sticking[0, 0]) == sticks
+        at_first = [0.0, ONE.table_speed, 0.0]  # the table's velocity
+        assert simulated(ONE, part, [4.0, 4.0, 0.0], at_first, periods=3).sticking[0, 0] == sticks
 
 
 def test_environments_take_laws_and_parts_keep_them():
@@ -164,4 +151,4 @@ def test_invalid_laws_are_refused(law, more, message):
 
 def test_bounds_assume_a_constant_coefficient():
     with pytest.raises(ValueError, match="constant coefficient"):
-        TimeBound(Surface(), Part.disc(0.02, friction=0.3, friction_law=STRIBECK), position_tolerance=1e-3)
+        TimeBound(SURFACE, Part.disc(0.02, friction=0.3, friction_law=STRIBECK), position_tolerance=1e-3)

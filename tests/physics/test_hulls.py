@@ -127,23 +127,6 @@ def test_discs_in_one_place():
     assert gap_of([block, block], [(0.1, 0.2, 0), (0.1, 0.2, 0)]) == pytest.approx(-0.04, abs=ROUNDING)
 
 
-@given(seeds)
-def test_only_relative_poses_count(seed):
-    rng = np.random.default_rng(seed)
-    parts, poses = [some_part(rng), some_part(rng)], np.array([some_pose(rng), some_pose(rng)])
-    x, y, turn = some_pose(rng)
-    moved = np.column_stack(
-        [
-            x + math.cos(turn) * poses[:, 0] - math.sin(turn) * poses[:, 1],
-            y + math.sin(turn) * poses[:, 0] + math.cos(turn) * poses[:, 1],
-            poses[:, 2] + turn,
-        ]
-    )
-    gap = gap_of(parts, poses)
-    assert gap_of(parts, moved) == pytest.approx(gap, abs=ROUNDING)
-    assert gap_of(parts[::-1], poses[::-1]) == pytest.approx(gap, abs=ROUNDING)
-
-
 def test_many_worlds_at_once():
     rng = np.random.default_rng(3)
     parts = [some_part(rng) for _ in range(5)]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from vibgym import Part, Surface
+from vibgym import Part, Simulator, Surface
 from vibgym.fields import uniform
 
 SURFACE = Surface()
@@ -21,6 +21,24 @@ C_SHAPE = Part.polygon(
 MIXED = [STEEL, ALUMINIUM, DISC, L_SHAPE]
 CORNER = uniform(math.radians(225)).drive(SURFACE)
 """Full push towards the corner of the left and the bottom wall."""
+
+
+def random_scene(surface, worlds, seed=0, margin=0.08, velocity=(0.0, 0.0, 0.0)):
+    """Return arguments of :func:`simulated`: poses (worlds, 1, 3) ``margin`` m within the borders, velocity, random fields."""
+    rng = np.random.default_rng(seed)
+    low, high = [margin, margin, -math.pi], [surface.width - margin, surface.depth - margin, math.pi]
+    pose, shape = rng.uniform(low, high, (worlds, 3))[:, None], (worlds, surface.rows, surface.columns)
+    return pose, velocity, rng.uniform(0.0, surface.max_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)
+
+
+def simulated(surface, parts, pose, velocity=None, amplitude=0.0, phase=0.0, periods=1, *, conditions=None, **settings):
+    """Return a simulator after some periods of one drive, with a world for each of the poses (worlds, parts, 3)."""
+    worlds = len(pose) if np.ndim(pose) == 3 else 1
+    simulator = Simulator(surface, parts, **{"worlds": worlds, **settings})
+    simulator.reset(pose, velocity)
+    simulator.set_conditions(slice(None), **(conditions or {}))
+    simulator.advance(amplitude, phase, periods)
+    return simulator
 
 
 def grid(parts):

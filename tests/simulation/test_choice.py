@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from tests.simulation.helpers import SURFACE, random_fields
-from vibgym import Part, Simulator, Surface
+from tests.simulation.helpers import SURFACE, random_fields, simulated
+from vibgym import Part, Surface
 from vibgym.scene.parts import shipped_part
 from vibgym.simulation import choice, threads
 from vibgym.simulation.schemes import PlanarSettings, planar_scheme
@@ -15,11 +15,9 @@ BLOCK = shipped_part("aluminium_block")
 
 
 def test_auto_equals_the_chosen_model():
-    auto = Simulator(SURFACE, BLOCK, model="auto", tolerance=5e-5)
-    chosen = Simulator(SURFACE, BLOCK, model=auto.choice.model, **auto.choice.knobs)
-    for simulator in (auto, chosen):
-        simulator.reset([0.3, 0.1, 0.2])
-        simulator.advance(3e-4, 1.0, 5)
+    scene = SURFACE, BLOCK, [0.3, 0.1, 0.2], None, 3e-4, 1.0, 5
+    auto = simulated(*scene, model="auto", tolerance=5e-5)
+    chosen = simulated(*scene, model=auto.choice.model, **auto.choice.knobs)
     assert (auto.pose == chosen.pose).all()
 
 
@@ -100,13 +98,9 @@ def test_promised_errors_hold_on_other_scenes(name, tolerance):
     far = np.random.default_rng(11).uniform([0.4, 0.4, -3.0], [0.6, 0.6, 3.0], (worlds, 1, 3))
     pose = far * [surface.width, surface.depth, 1.0]
 
-    def run(**settings):
-        sim = Simulator(surface, part, worlds=worlds, **settings)
-        sim.reset(pose)
-        sim.advance(amplitude, phase, periods)
-        return sim
-
-    sim, truth = run(model="auto", tolerance=tolerance, periods_per_call=periods), run(steps=96, substeps=2, pieces=4)
+    scene = surface, part, pose, None, amplitude, phase, periods
+    sim = simulated(*scene, model="auto", tolerance=tolerance, periods_per_call=periods)
+    truth = simulated(*scene, steps=96, substeps=2, pieces=4)
     difference = np.abs(sim.pose - truth.pose)[:, 0]
     strayed = np.hypot(difference[:, 0], difference[:, 1]) + part.radius * difference[:, 2]
     assert np.median(strayed) <= sim.choice.error <= tolerance

@@ -11,7 +11,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.simulation.helpers import kinetic_energy
+from tests.simulation.helpers import kinetic_energy, simulated
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import uniform
 
@@ -36,9 +36,7 @@ def disc(radius=0.02, **properties):
 
 
 def run(parts, pose, velocity, periods, **keywords):
-    simulator = Simulator(STILL, parts, **{"contact_overlap": OVERLAP, **keywords})
-    simulator.reset([pose], [velocity])
-    simulator.advance(0.0, 0.0, periods)
+    simulator = simulated(STILL, parts, pose, velocity, periods=periods, **{"contact_overlap": OVERLAP, **keywords})
     assert not simulator.fallen.any() and not simulator.diverged.any()
     return simulator.pose[0], simulator.velocity[0]
 
@@ -262,10 +260,9 @@ def pressed(contact_steps):
     """Return poses (worlds, 3) of a block pushed against the left wall by the vibrating table, after 10 periods."""
     surface = Surface()
     part = Part.rectangle(0.05, 0.04, friction=0.64, height=0.004)
-    simulator = Simulator(surface, part, walls=["left"], worlds=4, contact_steps=contact_steps, contact_overlap=2e-6)
-    simulator.reset([[[0.0252, y, 0.0]] for y in HEIGHTS])
-    simulator.advance(*uniform(math.pi).drive(surface), 10)
-    return simulator.pose[:, 0]
+    scene = [[[0.0252, y, 0.0]] for y in HEIGHTS], None, *uniform(math.pi).drive(surface), 10
+    settings = {"walls": ["left"], "contact_steps": contact_steps, "contact_overlap": 2e-6}
+    return simulated(surface, part, *scene, **settings).pose[:, 0]
 
 
 HEIGHTS = (0.12, 0.121, 0.122, 0.123)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapely.geometry import Point, Polygon, box
 
-from tests.simulation.helpers import C_SHAPE, SURFACE, random_fields, same, snapshot
+from tests.simulation.helpers import C_SHAPE, SURFACE, random_fields, same, simulated, snapshot
 from vibgym import Part, Simulator
 from vibgym.simulation.threads import Blocks
 
@@ -40,9 +40,8 @@ def test_shapes_and_copies(worlds):
 
 
 def test_mean_velocity_is_that_of_the_last_period():
-    simulator, fields = Simulator(SURFACE, BLOCK, worlds=WORLDS), random_fields(SURFACE, WORLDS, 1)
-    simulator.reset([0.4, 0.1, 0.5], [0.1, 0.0, 3.0])
-    simulator.advance(*fields, 4)
+    fields = random_fields(SURFACE, WORLDS, 1)
+    simulator = simulated(SURFACE, BLOCK, [0.4, 0.1, 0.5], [0.1, 0.0, 3.0], *fields, 4, worlds=WORLDS)
     before = simulator.pose
     simulator.advance(*fields)
     assert not simulator.fallen.any()
@@ -62,10 +61,7 @@ def test_broadcasting(amplitude, phase):
         (pose, velocity, amplitude, phase),
         (np.tile(pose, (WORLDS, 1, 1)), np.tile(velocity, (WORLDS, 1, 1)), np.full(full, 1e-4), np.full(full, 0.3)),
     ):
-        simulator = Simulator(SURFACE, BLOCK, worlds=WORLDS)
-        simulator.reset(*arguments[:2])
-        simulator.advance(*arguments[2:], 3)
-        results.append(snapshot(simulator))
+        results.append(snapshot(simulated(SURFACE, BLOCK, *arguments, 3, worlds=WORLDS)))
     assert same(*results) and np.ptp(results[0]["pose"], axis=0).max() == 0.0
 
 
@@ -128,9 +124,7 @@ def test_a_non_convex_part_falls_when_its_centre_leaves_the_hull_of_what_is_supp
     assert hull.covers(Point(x, y)) != falls
     # the idle circle has a radius of 0.24 mm: too small to move the centre over the hull's edge
     assert on.is_empty or hull.exterior.distance(Point(x, y)) > 0.0005
-    simulator = Simulator(SURFACE, part)
-    simulator.reset(pose, [*SURFACE.idle_velocity(part.friction), 0.0])
-    simulator.advance(0.0, 0.0)
+    simulator = simulated(SURFACE, part, pose, [*SURFACE.idle_velocity(part.friction), 0.0])
     assert simulator.fallen[0, 0] == falls
 
 

@@ -28,6 +28,9 @@ def tilting(parts: object = STEEL, surface: Surface = LARGE, **settings: object)
 def test_flat_on_level_ground_is_the_planar_model_to_the_bit(parts):
     flat, planar = tilting(parts, worlds=3), Simulator(LARGE, parts, worlds=3)
     in_the_middle(planar)
+    rough = np.random.default_rng(12).uniform(0.6, 1.4, (3, 40, 40))
+    for each in (flat, planar):
+        each.set_conditions(slice(None), patches=rough)
     for phase in (0.3, 2.0, -1.0):
         for each in (flat, planar):
             each.advance(3e-4, phase, 3)
