@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.simulation.helpers import kinetic_energy, random_fields
+from tests.simulation.helpers import L_SHAPE, STILL, kinetic_energy, random_fields, simulated
 from vibgym import Part, Simulator, Surface
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
@@ -15,14 +15,11 @@ from vibgym.physics.contacts.broad_phase import near_pairs, new_circles, pair_ca
 from vibgym.scene.hulls import WALLS
 
 SURFACE = Surface(24, 40)
-STILL = Surface(20, 20, 0.05, 0.0)
 KINDS = [
     Part.rectangle(0.05, 0.04, friction=0.64, height=0.004, name="steel"),
     Part.rectangle(0.05, 0.035, friction=0.58, mass=0.0945, contact_friction=0.7, name="aluminium"),
     Part.disc(0.02, friction=0.6, name="disc"),
-    Part.polygon(
-        np.array([(0, 0), (50, 0), (50, 20), (20, 20), (20, 50), (0, 50)]) * 1e-3, friction=0.6, contact_friction=0.1
-    ),
+    Part.polygon(L_SHAPE.outline, friction=0.6, contact_friction=0.1),
     # These require more steps, finer ones, smaller overlaps, and more iterations of the solver.
     Part.disc(0.005, friction=0.9, mass=0.5, name="small and heavy"),
     Part.rectangle(0.03, 0.0004, friction=0.3, mass=0.01, name="thin"),
@@ -47,10 +44,7 @@ def heap(rng, count, corner):
 
 
 def advanced(kinds, pose, velocity, periods, fields, walls=WALLS):
-    simulator = Simulator(SURFACE, [KINDS[k] for k in kinds], walls=walls)
-    simulator.reset(pose, velocity)
-    simulator.advance(*(each[0] for each in fields), periods)
-    return simulator
+    return simulated(SURFACE, [KINDS[k] for k in kinds], pose, velocity, *fields, periods, walls=walls)
 
 
 # -- bits --------------------------------------------------------------------------------------------------------------
@@ -82,10 +76,8 @@ def test_the_same_bits_among_a_thousand():
     fields = (rng.uniform(0.0, 3e-4, (115, 115)), rng.uniform(-math.pi, math.pi, (115, 115)))
 
     def run(more, first):
-        simulator = Simulator(surface, [block] * (5 + len(more)), walls=WALLS)
-        simulator.reset(np.concatenate([more[:first], pose, more[first:]]))
-        simulator.advance(*fields, 12)
-        return simulator
+        everything = np.concatenate([more[:first], pose, more[first:]])
+        return simulated(surface, [block] * len(everything), everything, None, *fields, 12, walls=WALLS)
 
     alone, among = run(crowd[:0], 0), run(crowd, 500)
     assert state_of(among, np.arange(500, 505)) == state_of(alone, np.arange(5))
@@ -126,9 +118,6 @@ def test_an_impact_propagates_through_separate_pairs(gap, pairs):
     way = 3.0 * STILL.period - 0.02 - gap * (pairs - 1)
     assert simulator.pose[0, -1, 0] == pytest.approx(x[-1] + way, abs=1e-5 * len(x))
     assert simulator.deepest_overlap < 1e-5
-
-
-# -- divergence --------------------------------------------------------------------------------------------------------------
 
 
 def test_a_table_smaller_than_a_part_can_reach():
