@@ -109,8 +109,8 @@ def test_promised_errors_hold_on_other_scenes(name, tolerance):
 # -- steps of the planar model, and threads ------------------------------------------------------------------------------
 
 
-def scheme(part, **given):
-    chosen = planar_scheme(SURFACE, part, PlanarSettings(**given))
+def scheme(part, **settings):
+    chosen = planar_scheme(SURFACE, part, PlanarSettings(**settings))
     return chosen.steps, chosen.substeps
 
 

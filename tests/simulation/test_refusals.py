@@ -115,7 +115,7 @@ CALLS = [
     *(("advance", {"amplitude": 0.0, "phase": value}, "phase") for value in (NAN, np.zeros((32, 8)), None, 1j)),
     *(("advance", {"amplitude": 0.0, "phase": 0.0, "periods": value}, "periods") for value in (0, -1, 1.5, NAN, "1", True)),
     *(("set_state", {"state": value}, "state") for value in (None, {}, 3, "pose")),
-    *(("set_conditions", {"worlds": [0], **given}, next(iter(given))) for given in (
+    *(("set_conditions", {"worlds": [0], **conditions}, next(iter(conditions))) for conditions in (
         {"friction": 0.0}, {"friction": 101.0}, {"friction": NAN}, {"mass": [1.0, -1.0, 1.0]}, {"mass": [1.0, 2.0]},
         {"mass": [1.0, 1.0, 1e-2]}, {"incline": 8.0}, {"incline": [[0.0, 1.0, 2.0]]}, {"incline": "steep"},
         {"patches": 0.0}, {"patches": np.ones((3, 3))},
@@ -162,7 +162,7 @@ def test_conditions_beyond_a_model():
     for conditions, name in (
         ({"friction": 5.7}, "friction"), ({"friction": 5.6, "incline": [0.6, 0.6]}, "friction"), ({"patches": 5.7}, "patches"),
     ):  # fmt: skip
-        refused(lambda given=conditions: averaged.set_conditions(1, **given), name)
+        refused(lambda conditions=conditions: averaged.set_conditions(1, **conditions), name)
     assert averaged.friction.tolist() == [[1.0], [5.6]] and (averaged.patches == 1.0).all()
     slow = Simulator(Surface(frequency=0.03, horizontal_amplitude=1e-4), [STEEL, STEEL])
     refused(lambda: slow.set_conditions(0, friction=50.0), "friction")
