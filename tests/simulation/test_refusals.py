@@ -106,7 +106,7 @@ LIGHT = Part.disc(0.02, friction=0.6, mass=0.002, name="light")
 CALLS = [
     *(("reset", {"pose": value}, "pose") for value in (
         [NAN, 0, 0], [0.1, INF, 0], [0.1, 0.1], np.zeros((2, 3, 3)), None, "text", [[1, 2], [3]], 1j,
-        [[-1e-9, 0.1, 0], *APART[1:]], [[0.1, 0.2081, 0], *APART[1:]],
+        *([[x, y, 0], *APART[1:]] for x, y in ((-1e-9, 0.1), (0.8321, 0.1), (0.1, -1e-9), (0.1, 0.2081))),
     )),
     *(("reset", {"pose": APART, "velocity": value}, "velocity") for value in ([NAN, 0, 0], [0.1, 0.1], "text", 1j)),
     *(("advance", {"amplitude": value, "phase": 0.0}, "amplitude") for value in (
@@ -149,6 +149,8 @@ def test_damaged_states_are_refused(name):
     bad = [np.zeros((7, 7)), "text", None, [[1], [1, 2]], -1.0]
     if name in ("pose", "velocity", "mean_velocity"):
         bad += [np.full((3, 3, 3), NAN), np.full((3, 3, 3), INF)]
+    if name in ("friction", "mass", "patches", "incline"):
+        bad.append(np.full_like(good[name], 0.0 if name != "incline" else 9.0))
     for value in bad:
         refused(lambda value=value: simulator.set_state({**good, name: value}), f"state['{name}']")
     refused(lambda: simulator.set_state({key: value for key, value in good.items() if key != name}), "state")
@@ -200,6 +202,16 @@ def test_overlaps_of_parts_name_both_their_depth_and_the_world():
             assert same(before, snapshot(simulator))
 
 
+@pytest.mark.parametrize("overlap, allowed", [(0.07e-3, True), (0.08e-3, False)])
+def test_small_parts_overlap_by_at_most_a_quarter_of_their_radius(overlap, allowed):
+    disc = Part.disc(0.3e-3, friction=0.6, mass=0.01)
+    simulator, pose = Simulator(SURFACE, [disc, disc]), [[0.4, 0.1, 0.0], [0.4006 - overlap, 0.1, 0.0]]
+    if allowed:
+        simulator.reset(pose)
+    else:
+        refused(lambda: simulator.reset(pose), "pose", "0.08 mm")
+
+
 @pytest.mark.parametrize("wall", BY_WALL)
 def test_overlaps_with_walls(wall):
     simulator, pose = three(walls=[wall]), np.tile(APART, (3, 1, 1))
@@ -238,6 +250,8 @@ def test_states_may_overlap_within_the_limit_of_contacts():
     refused(lambda: simulator.set_state(state), "1.1 mm", "the left wall", "world 1")
     # Fallen parts and diverged worlds have no contacts.
     state["fallen"][1, 0] = True
+    simulator.set_state(state)
+    state["pose"][1, 0] = state["pose"][1, 1]
     simulator.set_state(state)
     state["fallen"][1, 0], state["diverged"][1] = False, True
     simulator.set_state(state)

@@ -8,6 +8,7 @@ from shapely.geometry import Point, Polygon, box
 
 from tests.simulation.helpers import C_SHAPE, SURFACE, random_fields, same, simulated, snapshot
 from vibgym import Part, Simulator
+from vibgym.scene.hulls import gaps_between
 from vibgym.simulation.threads import Blocks
 
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.6)
@@ -37,6 +38,20 @@ def test_shapes_and_copies(worlds):
         getattr(simulator, name)[:] = 7
     simulator.get_state()["pose"][:] = 7
     assert same(before, snapshot(simulator))
+
+
+@pytest.mark.parametrize("count", [1, 2, 7])
+def test_parts_rest_apart_before_the_first_reset(count):
+    simulator = Simulator(SURFACE, [BLOCK] * count, worlds=2)
+    x, y, heading = simulator.pose.transpose(2, 0, 1)
+    assert (x > 0.03).all() and (x < SURFACE.width - 0.03).all() and not heading.any() and not simulator.velocity.any()
+    assert (
+        (y > 0.02).all()
+        and (y < SURFACE.depth - 0.02).all()
+        and gaps_between(simulator.parts, simulator.pose).min() > 0.0
+    )
+    simulator.advance(0.0, 0.0)
+    assert not simulator.fallen.any()
 
 
 def test_mean_velocity_is_that_of_the_last_period():
