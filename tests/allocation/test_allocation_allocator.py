@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import pickle
 
 import numpy as np
 import pytest
@@ -145,23 +144,17 @@ def test_parts_that_share_elements_get_their_pushes():
     assert np.median(missed) < 0.02 and max(missed) < 0.08
 
 
-def test_distant_parts_have_no_effect():
-    wanted = np.array([[0.1, 0.02, -0.03], [-0.05, 0.1, 0.04], [0.03, -0.08, 0.1]])
-    all_three = allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), wanted[None])
-    alone = allocator(ALUMINIUM).pushes(CLOSE[None, 2:], THERE, wanted[None, 2:])
-    assert (all_three[0, :, 16:] == alone[0, :, 16:]).all() and (alone[0, :, :16] == 0.0).all()
-
-
-def test_parts_without_a_push_rest():
-    wanted = np.zeros((1, 3, 3))
-    wanted[0, 0] = 0.1, 0.0, 0.0
-    push = allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), wanted)
-    assert (push[0, :, 16:] == 0.0).all() and (push[0, :, :16] != 0.0).any()
-    assert (
-        allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), 0.0 * wanted) == 0.0
-    ).all()
-    absent = np.array([[False, True, True]])
-    assert (allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], absent, wanted) == 0.0).all()
+def test_parts_without_a_push_absent_and_distant_ones_have_no_effect():
+    generator, there = np.random.default_rng(5), np.ones((1, 3), dtype=bool)
+    three, one = allocator(STEEL, STEEL, ALUMINIUM), allocator(ALUMINIUM)
+    wanted = 0.1 * generator.normal(size=(1, 3, 3))
+    push, alone = three.pushes(CLOSE[None], there, wanted), one.pushes(CLOSE[None, 2:], THERE, wanted[:, 2:])
+    assert (push[0, :, 16:] == alone[0, :, 16:]).all() and (alone[0, :, :16] == 0.0).all()
+    assert (push[0, :, :16] != 0.0).any() and (push[0, :, 16:] != 0.0).any()
+    absent = three.pushes(CLOSE[None], np.array([[False, False, True]]), wanted)
+    still = three.pushes(CLOSE[None], there, wanted * [[[0.0], [0.0], [1.0]]])
+    assert (absent == alone).all() and (still == alone).all()
+    assert (three.pushes(CLOSE[None], ~there, wanted) == 0.0).all()
 
 
 def test_a_world_gets_the_same_bits_alone_and_in_any_batch():
@@ -250,22 +243,15 @@ def accelerations(parts, pose, push):
     return np.stack(result, axis=1)
 
 
-WANTED = np.array([[[0.3, 0.1, 0.1], [-0.2, 0.2, -0.1]]])
-PAIR = np.ones((1, 2), dtype=bool)
-
-
-def test_separate_parts_get_their_pushes():
-    pose = np.array([[[0.3, 0.11, 0.4], [0.5, 0.08, -0.3]]])
-    push = allocator(STEEL, ALUMINIUM, least=0.0).pushes(pose, PAIR, WANTED)
-    assert accelerations([STEEL, ALUMINIUM], pose, push) == pytest.approx(WANTED, abs=0.02)
-
-
-def test_adjacent_parts_get_their_pushes():
-    """Parts 2 mm apart with different pushes, and a gap in the middle of an element."""
-    pose = np.array([[[0.3, 0.117, 0.0], [0.352, 0.117, 0.0]]])
-    push = allocator(STEEL, STEEL, least=0.0).pushes(pose, PAIR, WANTED)
+@pytest.mark.parametrize("parts, pose, missed", [
+    ((STEEL, ALUMINIUM), [[0.3, 0.11, 0.4], [0.5, 0.08, -0.3]], 0.02),
+    ((STEEL, STEEL), [[0.3, 0.117, 0.0], [0.352, 0.117, 0.0]], 0.05),  # 2 mm apart, the gap in the middle of an element
+], ids=["separate", "adjacent"])  # fmt: skip
+def test_parts_get_their_pushes(parts, pose, missed):
+    wanted = np.array([[[0.3, 0.1, 0.1], [-0.2, 0.2, -0.1]]])
+    push = allocator(*parts, least=0.0).pushes(np.array([pose]), np.ones((1, 2), dtype=bool), wanted)
     assert np.hypot(push[..., 0], push[..., 1]).max() <= 1 + 1e-12
-    assert accelerations([STEEL, STEEL], pose, push) == pytest.approx(WANTED, abs=0.05)
+    assert accelerations(parts, np.array([pose]), push) == pytest.approx(wanted, abs=missed)
 
 
 def test_a_part_alone_gets_the_same_push_from_all_its_elements():
@@ -274,16 +260,6 @@ def test_a_part_alone_gets_the_same_push_from_all_its_elements():
     under = np.hypot(push[..., 0], push[..., 1]) > 0
     assert 4 <= under.sum() <= 12
     assert push[under] == pytest.approx(np.tile(wanted[0, 0, :2] / (1 + DAMPING), (under.sum(), 1)), abs=1e-9)
-
-
-def test_torques_beyond_the_limit_take_all_of_all_elements():
-    """Elements near the centre compensate for the limit of those at the ends, up to nearly the largest torque."""
-    pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.0, 0.0, 3.0]]])
-    push = allocator(STEEL, least=0.0).pushes(pose, THERE, wanted)
-    torque = error((STEEL,), pose[0], push[0], np.zeros((1, 3)))[0][0, 2]
-    *_, share, lever = cut((STEEL,), pose[0])
-    most = np.hypot(*lever.T).sum() / math.sqrt(STEEL.gyration)
-    assert -torque > 0.97 * most
 
 
 def least_error(parts, pose, wanted):
@@ -313,13 +289,13 @@ def test_effects_beyond_the_limit_are_missed_little_more_than_necessary(pose):
     parts, generator, pose = (STEEL,) * len(pose), np.random.default_rng(3), np.array(pose)
     there, plain = np.ones((1, len(pose)), dtype=bool), allocator(*(STEEL,) * len(pose), least=0.0)
     ratios, limited = [], 0
-    for wanted in generator.uniform(-1.0, 1.0, (30, len(pose), 3)):
+    for wanted in generator.uniform(-1.0, 1.0, (12, len(pose), 3)):
         push = plain.pushes(pose[None], there, wanted[None])[0]
         length = np.hypot(push[..., 0], push[..., 1]).max()
         assert length <= 1.0 + 1e-12
         limited += length > 1.0 - 1e-9
         ratios.append(math.sqrt(error(parts, pose, push, wanted)[1] / least_error(parts, pose, wanted)))
-    assert limited > 20 and min(ratios) > 1.0 - 1e-6
+    assert limited > 8 and min(ratios) > 1.0 - 1e-6
     assert np.median(ratios) < 1.06 and max(ratios) < 1.2
 
 
@@ -344,19 +320,3 @@ def test_weak_elements_are_compensated():
         push = plain.pushes(pose, THERE, wanted, known)[0].reshape(-1, 2) * gain[0][:, None]
         missed = np.abs(error((STEEL,), pose[0], push, wanted[0])[0]).max()
         assert missed < most and (known is not None or missed > 0.04)
-
-
-def test_absent_parts_have_no_elements():
-    pose = np.array([[[0.3, 0.11, 0.4], [0.31, 0.11, 0.0]]])
-    one = allocator(STEEL, least=0.0).actions(pose[:, :1], np.array([[True]]), WANTED[:, :1])
-    two = allocator(STEEL, STEEL, least=0.0).actions(pose, np.array([[True, False]]), WANTED)
-    assert (two == one).all()
-    assert (allocator(STEEL, STEEL).actions(pose, np.zeros((1, 2), dtype=bool), WANTED) == 0).all()
-
-
-def test_copies_and_threads_of_a_bad_number():
-    pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.1, -0.3, 0.15]]])
-    one = allocator(STEEL)
-    assert (pickle.loads(pickle.dumps(one)).pushes(pose, THERE, wanted) == one.pushes(pose, THERE, wanted)).all()
-    with pytest.raises(ValueError, match="threads"):
-        Allocator(SURFACE, [STEEL], sheet(), threads=0)

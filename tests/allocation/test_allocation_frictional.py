@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.allocation.averaged_model import mean_acceleration, mean_state
 from tests.policies.helpers import ALUMINIUM, DISC, STEEL, SURFACE
 from vibgym import Part, Simulator, Surface
-from vibgym.allocation.frictional import FrictionalInverse, coefficients, rim_of
+from vibgym.allocation.frictional import FrictionalInverse, rim_of
 from vibgym.bounds.tables import sample
 from vibgym.physics.core.drive import polar_drive
 
@@ -153,11 +153,7 @@ def test_rim_radius_in_closed_form():
     assert rim_of(Part.rectangle(0.03, 0.03, friction=0.5)) == pytest.approx(math.sqrt(7.0 / 30.0) * 0.03, rel=1e-9)
 
 
-def test_coefficients_at_rest_are_isotropic():
-    """Zero acceleration needs zero push, and the lead angle does not depend on the direction of the push."""
-    _, p, q, a0, a1, b00, b01, b11, b22, inverse_slip, _ = coefficients()[0, 1]  # slip 0.05, without values set by hand
-    assert [p, q, a0, -b01, inverse_slip] == pytest.approx([0.5, 0.5, a0, a0, 1.0], abs=2e-3)
-    assert np.abs([a1, b11, b22]).max() < 0.05 * abs(a0) and 0.0 < abs(b00) < 0.1 * abs(a0)
+def test_zero_acceleration_needs_zero_push():
     none = np.zeros((2, 1, 3))
     assert not FrictionalInverse(SURFACE, STEEL).push(none, none).push.any()
 

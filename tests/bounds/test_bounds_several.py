@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.policies.helpers import ALUMINIUM, FRESH, STEEL, SURFACE
-from vibgym import Part
+from vibgym import Part, Surface
 from vibgym.bounds import FlowBound, PushBound, SeveralBound, TimeBound
 from vibgym.bounds.programme import moves
 from vibgym.bounds.several import MARGIN, _fitting, bottleneck, most_power
@@ -107,6 +107,7 @@ def test_flow_is_limited_by_slots_and_gates():
     assert flow().per_minute == pytest.approx(60.0 * flow().most / 48.0)
     assert flow(100).most == 2 * (1 + 1199 // 7)  # the gates'
     assert flow(amplitude=0.5 * MAX).most < flow().most and math.isnan(flow(periods=0).per_minute)
+    assert flow(displacement=[0.1]).most > flow().most  # one distance for all parts
 
 
 @pytest.mark.parametrize(("task", "policy"), [("Feed", "lanes"), ("Feed", "random"), ("FeedHeaps", "lanes")])
@@ -133,28 +134,43 @@ def test_no_policy_is_faster(task, policy):
     assert np.isnan(found.rate_bound).all()
 
 
-@pytest.mark.parametrize(("make", "named"), [
-    (lambda: SeveralBound([]), "bounds"),
-    (lambda: SeveralBound([TimeBound(SURFACE, STEEL, **ASKED), 3]), "bounds\\[1\\]"),
-    (lambda: PushBound(SURFACE, STEEL, [], **ASKED), "pushers"),
-    (lambda: PushBound(SURFACE, Part.disc(0.02, friction=0.0), [DISC], **ASKED), "part"),
-    *((lambda each=each: PushBound(SURFACE, ALUMINIUM, [DISC], **{**ASKED, **each}), next(iter(each))) for each in (
-        {"periods_per_step": 0}, {"latency": -1}, {"hold": 0}, {"heading_tolerance": -1.0}, {"heading_period": math.nan},
-        {"amplitude": 2.0 * MAX}, {"position_tolerance": 0.0},
+def time_bound(**arguments):
+    return TimeBound(**{"surface": SURFACE, "part": ALUMINIUM, **ASKED, **arguments})
+
+
+def push_bound(**arguments):
+    return PushBound(**{"surface": SURFACE, "part": ALUMINIUM, "pushers": [DISC], **ASKED, **arguments})
+
+
+def flow_bound(**arguments):
+    return FlowBound(**{
+        "surface": SURFACE, "parts": [STEEL], "kind": [0], "displacement": [0.1], "headway": 7, "periods": 100, **arguments,
+    })  # fmt: skip
+
+
+REFUSED = [
+    *((make, {name: value}, name) for make in (time_bound, push_bound) for name, value in (
+        ("position_tolerance", 0.0), ("heading_tolerance", -1.0), ("heading_tolerance", math.nan), ("heading_period", -1.0),
+        ("heading_period", math.nan), ("hold", 0), ("periods_per_step", 0), ("periods_per_step", 0.5),
+        ("amplitude", 2.0 * MAX), ("latency", -1), ("surface", None), ("part", Part.disc(0.02, friction=0.0)),
     )),
-    (lambda: PushBound(None, ALUMINIUM, [DISC], **ASKED), "surface"),
-    (lambda: PushBound(SURFACE, ALUMINIUM, [DISC, "disc"], **ASKED), "pushers\\[1\\]"),
-    (lambda: FlowBound(SURFACE, [], [], [], 7, 100), "parts"),
-    (lambda: FlowBound("prototype", [STEEL], [0], [0.1], 7, 100), "surface"),
-    (lambda: FlowBound(SURFACE, [3], [0], [0.1], 7, 100), "parts\\[0\\]"),
-    (lambda: flow(periods_per_step=0), "periods_per_step"),
-    (lambda: flow(headway=-1), "headway"),
-    (lambda: flow(displacement=[0.1]), None),
-    (lambda: flow(kind=[0, 1]), "kind"),
-])  # fmt: skip
-def test_bad_arguments(make, named):
-    if named is None:
-        assert make().most > flow().most  # one distance for all parts
-        return
+    (time_bound, {"surface": Surface(horizontal_amplitude=1e-4)}, "part"),
+    (push_bound, {"pushers": []}, "pushers"),
+    (push_bound, {"pushers": [DISC, "disc"]}, r"pushers\[1\]"),
+    (flow_bound, {"parts": [], "kind": [], "displacement": []}, "parts"),
+    (flow_bound, {"surface": "prototype"}, "surface"),
+    (flow_bound, {"parts": [3]}, r"parts\[0\]"),
+    (flow_bound, {"periods_per_step": 0}, "periods_per_step"),
+    (flow_bound, {"headway": -1}, "headway"),
+    (flow_bound, {"kind": [0, 1]}, "kind"),
+    (SeveralBound, {"bounds": []}, "bounds"),
+    (SeveralBound, {"bounds": [time_bound(), 3]}, r"bounds\[1\]"),
+    (lambda **poses: time_bound().steps(**poses), {"start": [[0.3, 0.1, 0.4]], "goal": [[0.1, 0.2]]}, "goal"),
+    (lambda **poses: time_bound().steps(**poses), {"start": [[math.nan, 0.0, 0.0]], "goal": [[0.3, 0.1, 0.4]]}, "start"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("make, arguments, named", REFUSED)
+def test_bad_arguments(make, arguments, named):
     with pytest.raises(ValueError, match=named):
-        make()
+        make(**arguments)

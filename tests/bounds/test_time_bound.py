@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.policies.helpers import ALUMINIUM, SURFACE
-from vibgym import Part, Simulator, Surface
+from vibgym import Simulator
 from vibgym.bounds import TimeBound
 from vibgym.bounds.programme import turns
 from vibgym.bounds.tables import (
@@ -158,29 +158,3 @@ def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator():
     limit = values.at(periods, np.column_stack([pose[:, 2], np.zeros(worlds)]))
     assert (turned <= limit).all() and np.median(turned / limit) > 0.85
     assert PRICE > 1.0  # else excess speed would have paid off
-
-
-@pytest.mark.parametrize(("settings", "message"), [
-    ({"position_tolerance": 0.0}, "position_tolerance"),
-    ({"heading_tolerance": -1.0}, "heading_tolerance"),
-    ({"heading_tolerance": math.nan}, "heading_tolerance"),
-    ({"heading_period": -1.0}, "heading_period"),
-    ({"hold": 0}, "hold"),
-    ({"periods_per_step": 0.5}, "periods_per_step"),
-    ({"amplitude": 1e-3}, "amplitude"),
-    ({"latency": -1}, "latency"),
-])  # fmt: skip
-def test_bad_settings(settings, message):
-    with pytest.raises(ValueError, match=message):
-        bound(**settings)
-
-
-def test_bad_scenes_and_poses():
-    with pytest.raises(ValueError, match="part"):
-        TimeBound(Surface(horizontal_amplitude=1e-4), Part.disc(0.02, friction=0.6), position_tolerance=0.005)
-    with pytest.raises(ValueError, match="part"):
-        TimeBound(SURFACE, Part.disc(0.02, friction=0.0), position_tolerance=0.005)
-    with pytest.raises(ValueError, match="goal"):
-        bound().steps(START, [[0.1, 0.2]])
-    with pytest.raises(ValueError, match="start"):
-        bound().steps([[math.nan, 0.0, 0.0]], START)

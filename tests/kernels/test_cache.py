@@ -46,11 +46,18 @@ def run(tmp_path):
     return package, once
 
 
-def test_an_edit_of_a_callee_in_another_file_is_detected(run):
+def test_kernels_are_compiled_and_announced_once_until_a_callee_changes(run):
     package, once = run
-    first, _ = once()
+    for path in package.rglob("*.py"):  # as those of image builds and of shared folders, whose clocks may be ahead
+        os.utime(path, (time.time() + 86_400,) * 2)
+    first, lines = once()
+    assert len(lines) == 1
+    assert "compiling kernels" in lines[0] and str(package.parent / "cache") in lines[0]
     cached = {path.name for path in (package.parent / "cache").rglob("*.nbc")}
     assert len(cached) == 1 and once() == (first, [])
+    for path in package.rglob("*.py"):  # as a checkout does
+        path.touch()
+    assert once() == (first, [])
     assert {path.name for path in (package.parent / "cache").rglob("*.nbc")} == cached
     file = package / "physics" / "core" / "drive.py"
     text = file.read_text()
@@ -58,15 +65,6 @@ def test_an_edit_of_a_callee_in_another_file_is_detected(run):
     assert text.count(result) == 1
     file.write_text(text.replace(result, "return 2.0 * first * scale, second * scale"))
     assert abs(once()[0] - first) > 1e-6
-
-
-def test_files_newer_than_the_clock_are_cached(run):
-    """Those of image builds and of shared folders, whose clocks may be ahead."""
-    package, once = run
-    for path in package.rglob("*.py"):
-        os.utime(path, (time.time() + 86_400,) * 2)
-    first, _ = once()
-    assert len(list((package.parent / "cache").rglob("*.nbc"))) == 1 and once() == (first, [])
 
 
 def test_a_file_that_is_edited_after_its_import(run):
@@ -80,60 +78,27 @@ file.write_text(file.read_text().replace("return first * scale, second", "return
     assert abs(once()[0] - first) > 1e-6
 
 
-def test_sources_are_the_imported_files(run):
-    """All direct and indirect imports count, since constants are compiled into kernels."""
-    package, _ = run
-
-    def all_stamps():
-        for each in (cache.sources, cache._imports, cache._digest):
-            each.cache_clear()
-        return [
-            cache.sources(str(path), ".".join(path.relative_to(package.parent).with_suffix("").parts)) for path in files
-        ]
-
-    files = [package / "tasks" / "patterns.py", package / "physics" / "planar" / "friction.py"]
-    first = all_stamps()
-    assert first == all_stamps() and first[0] != first[1]
-
-    def edit(*where):
-        path = package.joinpath(*where)
-        path.write_text(path.read_text() + "\n# edited\n")
-        before, now = list(stamps), all_stamps()
-        stamps[:] = now
-        return [one != other for one, other in zip(before, now, strict=True)]
-
-    stamps = first
-    assert edit("physics", "planar", "contact_area.py")[1]
-    assert edit("physics", "planar", "friction.py")[1]
-    assert edit("rendering", "canvas.py") == [False, False]
-    assert not edit("tasks", "patterns.py")[1]
-
-
-def test_kernels_of_another_package_depend_on_both(tmp_path):
-    (tmp_path / "mine").mkdir()
-    texts = {"__init__": "", "a": "from mine.b import X\nfrom vibgym.physics.core.drive import FIELD\n", "b": "X = 1\n"}
+def test_all_direct_and_indirect_imports_count(tmp_path):
+    """Constants of other files are compiled into kernels."""
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    texts = {
+        "__init__": "", "a": "from mine.b import X\nfrom vibgym.physics.core.drive import FIELD\n",
+        "b": "from mine.c import X\n", "c": "X = 1\n", "d": "from mine.a import X\n",
+    }  # fmt: skip
     for name, text in texts.items():
-        (tmp_path / "mine" / f"{name}.py").write_text(text)
-    first = cache.sources(str(tmp_path / "mine" / "a.py"), "mine.a")
-    (tmp_path / "mine" / "b.py").write_text("X = 2\n")
-    cache.sources.cache_clear(), cache._digest.cache_clear()
-    assert cache.sources(str(tmp_path / "mine" / "a.py"), "mine.a") != first
+        (folder / f"{name}.py").write_text(text)
 
+    def stamp():
+        for cached in (cache.sources, cache._imports, cache._digest):
+            cached.cache_clear()
+        return cache.sources(str(folder / "a.py"), "mine.a")
 
-def test_compilation_is_announced_in_one_line(run):
-    package, once = run
-    _, lines = once()
-    assert len(lines) == 1
-    assert "compiling kernels" in lines[0] and str(package.parent / "cache") in lines[0]
-    assert once()[1] == []
-
-
-def test_a_checkout_that_renews_the_times_of_files_keeps_the_cache(run):
-    package, once = run
-    once()
-    for path in package.rglob("*.py"):
-        path.touch()
-    assert once()[1] == []
+    first = stamp()
+    (folder / "d.py").write_text("X = 2\n")
+    assert stamp() == first
+    (folder / "c.py").write_text("X = 2\n")
+    assert stamp() != first
 
 
 def test_without_a_cache(run):

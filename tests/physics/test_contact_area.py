@@ -73,6 +73,7 @@ def check_against_shapely(outline, rows=8, columns=32, split=1):
     weight, x, y, element, (cx, cy) = cut(outline, rows, columns, split)
     supported = polygon.intersection(box(0, 0, columns * PITCH, rows * PITCH)).area
     if supported < 1e-9 * polygon.area:
+        assert supported > 0.0 or len(weight) == 0
         return
     assert weight.sum() == pytest.approx(1.0, abs=1e-14)
     assert (weight >= 0).all()
@@ -108,12 +109,6 @@ def test_pieces_of_shapes(shape, split, turn):
     check_against_shapely(place(shape, 0.0937, 0.0713, turn), rows=6, columns=8, split=split)
 
 
-@pytest.mark.parametrize("x, y", [(0.0, 0.0), (0.15, 0.01), (0.205, 0.15), (0.01, 0.155), (0.1, 0.15)])
-@pytest.mark.parametrize("shape", SHAPES)
-def test_overhang_carries_no_load(shape, x, y):
-    check_against_shapely(place(shape, x, y, 0.7), rows=6, columns=8)
-
-
 @st.composite
 def stars(draw):
     """Star-shaped, mostly non-convex outlines from 2 mm to 140 mm across, anywhere on or off the surface."""
@@ -127,6 +122,7 @@ def stars(draw):
 
 
 @given(stars(), st.sampled_from([1, 2, 5]))
+@example(np.array([(-0.1, -0.1), (-0.05, -0.1), (-0.05, -0.05)]), 1)  # nothing is supported
 def test_pieces_of_random_stars(outline, split):
     check_against_shapely(outline, rows=4, columns=6, split=split)
 
@@ -175,10 +171,6 @@ def test_four_points_carry_a_single_piece(length, ratio, turn):
     got = np.array([[weight @ (x * x), weight @ (x * y)], [weight @ (x * y), weight @ (y * y)]])
     # Cells sum edges of this length, in elements, with rounding 2.2e-16, and divide by the area; twice that for four edges.
     assert np.abs(got - expected).max() < 4.4e-16 * PITCH**2 * (length / PITCH) / (length * width / PITCH**2)
-
-
-def test_nothing_supported():
-    assert len(cut([(-0.1, -0.1), (-0.05, -0.1), (-0.05, -0.05)])[0]) == 0
 
 
 def holds(outline, width, height, x, y):

@@ -1,13 +1,13 @@
 """Measured order of convergence, and agreement with dense point sampling."""
 
-import math
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 from studies.benchmarks import point_sampling as reference
-from vibgym import Part, Simulator, Surface
+from tests.simulation.helpers import SURFACE, random_scene, simulated
+from vibgym import Part, Surface
 
 L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.03], [0.03, 0.03], [0.03, 0.06], [0, 0.06]]
 PARTS = {
@@ -18,22 +18,8 @@ PARTS = {
 }
 
 
-def scene(surface, worlds, seed, spin, margin):
-    rng = np.random.default_rng(seed)
-    pose = rng.uniform(
-        [margin, margin, -math.pi], [surface.width - margin, surface.depth - margin, math.pi], (worlds, 3)
-    )[:, None]
-    velocity = np.zeros((worlds, 1, 3))
-    velocity[..., 2] = spin
-    shape = (worlds, surface.rows, surface.columns)
-    return pose, velocity, rng.uniform(0, surface.max_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)
-
-
-def run(surface, part, given, periods, **scheme):
-    pose, velocity, amplitude, phase = given
-    simulator = Simulator(surface, part, worlds=len(pose), **scheme)
-    simulator.reset(pose, velocity)
-    simulator.advance(amplitude, phase, periods)
+def run(surface, part, scene, periods, **scheme):
+    simulator = simulated(surface, part, *scene, periods, **scheme)
     assert not simulator.fallen.any()
     return simulator
 
@@ -44,32 +30,31 @@ def slope(resolution, error):
 
 def test_fourth_order_in_substeps_on_one_element():
     surface = Surface(rows=1, columns=1, element_size=2.0)
-    given = scene(surface, 32, 1, 0.0, 0.9)
+    scene = random_scene(surface, 32, 1, 0.9)
     part = PARTS["rectangle"]
-    exact = run(surface, part, given, 10, steps=1, substeps=512).pose[:, 0, :2]
+    exact = run(surface, part, scene, 10, steps=1, substeps=512).pose[:, 0, :2]
     substeps = np.array([12, 16, 24, 32, 48, 64])
     error = [
-        np.median(np.hypot(*(run(surface, part, given, 10, steps=1, substeps=n).pose[:, 0, :2] - exact).T))
+        np.median(np.hypot(*(run(surface, part, scene, 10, steps=1, substeps=n).pose[:, 0, :2] - exact).T))
         for n in substeps
     ]
     assert 3.7 < slope(substeps, error) < 4.6, error
     # cutting more often changes nothing on one element
-    cut = run(surface, part, given, 10, steps=8, substeps=6).pose[:, 0, :2]
-    once = run(surface, part, given, 10, steps=1, substeps=48).pose[:, 0, :2]
+    cut = run(surface, part, scene, 10, steps=8, substeps=6).pose[:, 0, :2]
+    once = run(surface, part, scene, 10, steps=1, substeps=48).pose[:, 0, :2]
     assert np.abs(cut - once).max() < 1e-11
 
 
 @pytest.mark.parametrize("name", ["rectangle", "L-shape"])
 def test_second_order_in_steps_across_edges(name):
-    surface = Surface()
-    given = scene(surface, 48, 2, 3.0, 0.08)
-    part = PARTS[name]
+    scene = random_scene(SURFACE, 48, 2, velocity=(0.0, 0.0, 3.0))
+    surface, part = SURFACE, PARTS[name]
     # 48 Runge-Kutta steps in all of them, so that the error of the edges remains
-    exact = run(surface, part, given, 10, steps=192, substeps=1, pieces=2)
+    exact = run(surface, part, scene, 10, steps=192, substeps=1, pieces=2)
     steps = np.array([6, 8, 12, 16, 24, 48])
     position, heading = [], []
     for n in steps:
-        got = run(surface, part, given, 10, steps=int(n), substeps=48 // int(n), pieces=2)
+        got = run(surface, part, scene, 10, steps=int(n), substeps=48 // int(n), pieces=2)
         difference = (got.pose - exact.pose)[:, 0]
         position.append(np.median(np.hypot(*difference[:, :2].T)))
         heading.append(np.median(np.abs(difference[:, 2])))
@@ -80,14 +65,14 @@ def test_second_order_in_steps_across_edges(name):
 @pytest.mark.parametrize("spin", [0.0, 5.0, 30.0])
 @pytest.mark.parametrize("name", PARTS)
 def test_against_point_sampling(name, spin):
-    surface, part, worlds, periods, n = Surface(), PARTS[name], 4, 6, 192
-    given = scene(surface, worlds, 3, spin, 0.075)
-    pose, velocity, amplitude, phase = given
+    surface, part, worlds, periods, n = SURFACE, PARTS[name], 4, 6, 192
+    scene = random_scene(surface, worlds, 3, 0.075, (0.0, 0.0, spin))
+    pose, velocity, amplitude, phase = scene
     points = reference.strew_disc(0.022, n) if name == "disc" else reference.strew(part.outline, n)
 
     def sample(k):
         return reference.simulate(
-            points, gyration=part.gyration, friction=part.friction, pose=pose[k, 0], velocity=velocity[k, 0],
+            points, gyration=part.gyration, friction=part.friction, pose=pose[k, 0], velocity=velocity,
             amplitude=amplitude[k], phase=phase[k], periods=periods, steps=64,
         )[-1, :3]  # fmt: skip
 
@@ -95,7 +80,7 @@ def test_against_point_sampling(name, spin):
         sampled = np.array(list(pool.map(sample, range(worlds))))
 
     def errors(**scheme):
-        difference = run(surface, part, given, periods, **scheme).pose[:, 0] - sampled
+        difference = run(surface, part, scene, periods, **scheme).pose[:, 0] - sampled
         return 1e3 * np.hypot(*difference[:, :2].T).max(), np.degrees(np.abs(difference[:, 2])).max()
 
     # Converged: the remaining error is that of the sampler, whose 37 000 points cross edges one by one. Measured: 0.004 mm

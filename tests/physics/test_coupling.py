@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from vibgym import Part, Simulator, Surface
+from tests.simulation.helpers import SURFACE, simulated
+from vibgym import Part
 from vibgym.allocation.frictional import FrictionalInverse
 
-SURFACE = Surface()
 RNG = np.random.default_rng(5)
 AMPLITUDE = RNG.uniform(0.0, SURFACE.max_amplitude, (3, 8, 32))
 PHASE = RNG.uniform(-math.pi, math.pi, (3, 8, 32))
@@ -22,38 +22,30 @@ SHAPES = {
 }  # fmt: skip
 
 
-def played(part, share, model="planar", periods=20, **knobs):
+def played(part, share, periods=20, **knobs):
     """Poses and velocities after some periods, with the amplitudes times ``share``."""
-    sim = Simulator(SURFACE, part, worlds=3, model=model, **knobs)
-    sim.reset(POSE)
-    sim.advance(share * AMPLITUDE, PHASE, periods)
+    sim = simulated(SURFACE, part, POSE, None, share * AMPLITUDE, PHASE, periods, **knobs)
     return np.concatenate([sim.pose, sim.velocity], axis=-1)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape, knobs", [
+    *((shape, {}) for shape in SHAPES), ("block", {"pieces": 3}), ("block", {"model": "averaged"}),
+])  # fmt: skip
 @pytest.mark.parametrize("coupling", [0.0, 0.25, 0.7])
-def test_coupling_equals_a_smaller_amplitude(shape, coupling):
+def test_coupling_equals_a_smaller_amplitude(shape, knobs, coupling):
     soft, hard = SHAPES[shape](coupling=coupling), SHAPES[shape]()
-    assert played(soft, 1.0) == pytest.approx(played(hard, coupling), abs=1e-9)
+    assert played(soft, 1.0, **knobs) == pytest.approx(played(hard, coupling, **knobs), abs=1e-9)
     assert coupling == 0.0 or abs(played(soft, 1.0) - played(hard, 1.0)).max() > 1e-3 or shape == "sticking"
-
-
-def test_coupling_in_steps_by_points_and_in_the_averaged_model():
-    soft, hard = SHAPES["block"](coupling=0.5), SHAPES["block"]()
-    assert played(soft, 1.0, pieces=3) == pytest.approx(played(hard, 0.5, pieces=3), abs=1e-9)
-    assert played(soft, 1.0, model="averaged") == pytest.approx(played(hard, 0.5, model="averaged"), abs=1e-9)
 
 
 def test_coupling_per_part_with_unchanged_contacts():
     """Two touching parts, of which the undriven one blocks the other."""
     pusher, still = SHAPES["disc"](), SHAPES["block"](coupling=0.0, name="soft")
-    sim = Simulator(SURFACE, [pusher, still, SHAPES["block"]()], worlds=1)
-    sim.reset([[[0.2, 0.1, 0.0], [0.25, 0.1, 0.0], [0.6, 0.1, 0.0]]])
-    sim.advance(SURFACE.max_amplitude, -math.pi / 2, 12)  # drives all coupled parts to the right
+    right = None, SURFACE.max_amplitude, -math.pi / 2, 12  # drives all coupled parts to the right
+    pose = [[0.2, 0.1, 0.0], [0.25, 0.1, 0.0], [0.6, 0.1, 0.0]]
+    sim = simulated(SURFACE, [pusher, still, SHAPES["block"]()], pose, *right)
     moved = sim.pose[0, :, 0] - [0.2, 0.25, 0.6]
-    free = Simulator(SURFACE, SHAPES["block"](coupling=0.0), worlds=1)
-    free.reset([0.25, 0.1, 0.0])
-    free.advance(SURFACE.max_amplitude, -math.pi / 2, 12)
+    free = simulated(SURFACE, SHAPES["block"](coupling=0.0), pose[1], *right)
     alone = free.pose[0, 0, 0] - 0.25
     assert abs(alone) < 6e-3  # from rest, it soon slides in place
     assert moved[1] > alone + 2e-3 and moved[0] < moved[2]  # pushed, which slows the pusher down

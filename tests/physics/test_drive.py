@@ -77,28 +77,6 @@ def test_phasor_clipped_then_shortened_to_the_disc():
     assert inner.any() and np.allclose(got[inner], FULL * action[inner].astype(float), rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("drive", [element_drive, phasor_drive])
-def test_outside_is_the_same_as_clipped(drive):
-    action = actions(2, 5.0)
-    inside = np.clip(action, -1, 1)
-    assert np.array_equal(read(drive(flat(action), COLUMNS, FULL)), read(drive(flat(inside), COLUMNS, FULL)))
-
-
-def test_patch():
-    action = np.random.default_rng(3).uniform(-1.5, 1.5, (WORLDS, 1, 3, 3, 2)).astype(np.float32)
-    origin = np.array([[0, 0], [-1, 3], [2, -2]])  # inside, and over three borders
-    expected = np.zeros((WORLDS, ROWS, COLUMNS, 2))
-    vectors = FULL * shortened(np.clip(action[:, 0].astype(float), -1, 1))
-    for world, (row, column) in enumerate(origin):
-        for i in range(3):
-            for j in range(3):
-                if 0 <= row + i < ROWS and 0 <= column + j < COLUMNS:
-                    expected[world, row + i, column + j] = vectors[world, i, j]
-    assert np.allclose(
-        read(patch_drive(flat(action), origin[:, None], origin[:, None] + 1.5, 3, FULL)), expected, rtol=0, atol=1e-13
-    )
-
-
 SIZE, REACH = 0.026, 0.04
 CENTRE = np.array([0.060, 0.050])
 
@@ -221,25 +199,3 @@ def test_ties_go_to_the_first_part():
     origin = np.array([[[0, 1], [0, 2]]] * WORLDS)
     got = read(patch_drive(flat(patches), origin, lines, 3, FULL))[0, 1] / FULL
     assert got == pytest.approx(np.array([[0, 0], [1, 0], [1, 0], [0, 1], [0, 1]]))
-
-
-def test_every_mode_has_one_compiled_type():
-    """Kernels are compiled once for all modes and array layouts."""
-    import numba
-
-    action, centre = flat(actions(8)), np.zeros((WORLDS, 1, 2))
-    locked = action.copy()
-    locked.setflags(write=False)
-    shape = (WORLDS, ROWS, COLUMNS)
-    drives = [
-        polar_drive(np.zeros(shape), np.zeros(shape).transpose(0, 1, 2), OMEGA),
-        polar_drive(
-            np.broadcast_to(np.zeros((ROWS, COLUMNS)), shape), np.zeros((WORLDS, COLUMNS, ROWS)).swapaxes(1, 2), 157
-        ),
-        element_drive(action, COLUMNS, FULL),
-        element_drive(locked, COLUMNS, np.float64(FULL)),
-        phasor_drive(action[:, ::-1], np.int32(COLUMNS), 9),
-        patch_drive(action[:, :18], np.zeros((WORLDS, 1, 2), np.int32), centre, 3, FULL),
-        field_drive(action[:, :6], centre, SIZE, REACH, FULL),
-    ]
-    assert len({numba.typeof(drive) for drive in drives}) == 1

@@ -107,31 +107,6 @@ def test_convex_outlines_through_the_difference_of_all_corners(seed):
     assert gap_of(parts, poses) == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_depth_is_the_smallest_separating_shift(seed):
-    """Of shifts in a thousand directions, none shorter than the depth separates the parts, and one of that length does."""
-    rng = np.random.default_rng(seed)
-    gap, parts, poses = 0.0, [], []
-    while gap > -1e-3:
-        parts, poses = [convex_part(rng), convex_part(rng)], [some_pose(rng, 0.03), some_pose(rng, 0.03)]
-        gap = gap_of(parts, poses)
-    one, other = (outline(part, pose) for part, pose in zip(parts, poses))
-    size = parts[0].radius + parts[1].radius
-    shortest = math.inf
-    for angle in np.arange(1000) * (2 * math.pi / 1000):
-        way = np.array([math.cos(angle), math.sin(angle)])
-        stays = affinity.translate(other, *(-gap * (1 - 1e-9) - ROUNDING) * way)
-        assert one.intersection(stays).area > 0.0
-        low, high = 0.0, 2.0 * size
-        for _ in range(30):
-            middle = 0.5 * (low + high)
-            free = not one.intersects(affinity.translate(other, *middle * way))
-            low, high = (low, middle) if free else (middle, high)
-        shortest = min(shortest, high)
-    # Near the best direction the shift grows by at most the angle times the parts' size.
-    assert -gap - ROUNDING <= shortest <= -gap + 2.0 * size * (math.pi / 1000)
-
-
 @pytest.mark.parametrize("depth", [1e-6, 1e-3, 0.01, 0.025])
 def test_depth_of_discs_and_blocks(depth):
     disc, block = Part.disc(0.02, friction=0.5), Part.rectangle(0.06, 0.04, friction=0.5)
@@ -150,23 +125,6 @@ def test_discs_in_one_place():
     block = Part.rectangle(0.06, 0.04, friction=0.5)
     assert gap_of([block, disc], [(0.1, 0.2, 0), (0.1, 0.2, 1)]) == pytest.approx(-0.04, abs=ROUNDING)
     assert gap_of([block, block], [(0.1, 0.2, 0), (0.1, 0.2, 0)]) == pytest.approx(-0.04, abs=ROUNDING)
-
-
-@given(seeds)
-def test_only_relative_poses_count(seed):
-    rng = np.random.default_rng(seed)
-    parts, poses = [some_part(rng), some_part(rng)], np.array([some_pose(rng), some_pose(rng)])
-    x, y, turn = some_pose(rng)
-    moved = np.column_stack(
-        [
-            x + math.cos(turn) * poses[:, 0] - math.sin(turn) * poses[:, 1],
-            y + math.sin(turn) * poses[:, 0] + math.cos(turn) * poses[:, 1],
-            poses[:, 2] + turn,
-        ]
-    )
-    gap = gap_of(parts, poses)
-    assert gap_of(parts, moved) == pytest.approx(gap, abs=ROUNDING)
-    assert gap_of(parts[::-1], poses[::-1]) == pytest.approx(gap, abs=ROUNDING)
 
 
 def test_many_worlds_at_once():
@@ -216,30 +174,11 @@ def check_pieces(part):
 
 
 @given(seeds)
-def test_pieces_of_stars(seed):
+def test_pieces_of_stars_and_combs(seed):
     check_pieces(star_part(np.random.default_rng(seed)))
-
-
-@given(seeds)
-def test_pieces_of_combs(seed):
-    part = comb_part(np.random.default_rng(seed))
-    assert len(convex_pieces(part)) > 1
-    check_pieces(part)
-
-
-def test_pieces_of_named_shapes():
-    shapes = {
-        "L": [(0, 0), (5, 0), (5, 2), (2, 2), (2, 5), (0, 5)],
-        "U": [(0, 0), (7, 0), (7, 5), (5, 5), (5, 2), (2, 2), (2, 5), (0, 5)],
-        "cross": [(1, 0), (2, 0), (2, 1), (3, 1), (3, 2), (2, 2), (2, 3), (1, 3), (1, 2), (0, 2), (0, 1), (1, 1)],
-        "arrow": [(0, 0), (4, 2), (0, 4), (1, 2)],
-        "spiral": [(0, 0), (7, 0), (7, 7), (2, 7), (2, 3), (4, 3), (4, 5), (3, 5), (3, 6), (6, 6), (6, 1), (0, 1)],
-    }
-    for corners in shapes.values():
-        part = Part.polygon(np.array(corners) * 0.01, friction=0.5)
-        assert len(convex_pieces(part)) > 1
-        check_pieces(part)
-        check_pieces(Part.polygon(np.array(corners[::-1]) * 0.01, friction=0.5))
+    comb = comb_part(np.random.default_rng(seed))
+    assert len(convex_pieces(comb)) > 1
+    check_pieces(comb)
 
 
 @given(seeds)

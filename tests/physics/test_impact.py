@@ -102,28 +102,6 @@ def test_against_small_steps(lever, slip, restitution, friction):
     assert impulse[:2] == pytest.approx(small_steps(mobility, -1.0, slip, restitution, friction), abs=1e-3)
 
 
-def test_newtons_ratio_without_eccentricity():
-    """Without coupling all impact laws agree: the normal velocity is reversed and scaled by ``e``."""
-    for restitution in (0.0, 0.3, 1.0):
-        mobility = mobility_of.py_func(2.0, 400.0, -0.1, 0.0)
-        _, _, then = after((mobility, -1.5, 0.4, 0.0, 0.0, 0.0, restitution, 0.2))
-        assert then[0] == pytest.approx(restitution * 1.5, abs=1e-14)
-
-
-def test_where_newtons_ratio_gains_energy():
-    """A rod with slip reversal: Newton's ratio of velocities adds energy, this law dissipates it."""
-    angle, restitution, friction = 0.9, 1.0, 0.5
-    mobility = mobility_of.py_func(1.0, 12.0, -0.5 * math.cos(angle), 0.45 * math.sin(angle))
-    nn, nt, _, tt, _, _ = mobility
-    slip = -0.5
-    # Newton's law with friction that stops the slip and holds it: two equations for two impulses.
-    newton = np.linalg.solve([[nn, nt], [nt, tt]], [1.0 + restitution, -slip])
-    gained = newton @ (np.array([-1.0, slip]) + [restitution, 0.0]) / 2.0
-    assert abs(newton[1]) <= friction * newton[0] and gained > 0.09
-    impulse, before, then = after((mobility, -1.0, slip, 0.0, 0.0, 0.0, restitution, friction))
-    assert impulse @ (before + then) / 2.0 < -0.01
-
-
 @pytest.mark.parametrize("friction", [0.0, 0.3, 5.0])
 def test_faces_stay_flat(friction):
     """A long block slides along a wall: the force moves forward until it does not rotate."""

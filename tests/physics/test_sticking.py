@@ -8,18 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
 
+from tests.simulation.helpers import simulated
 from vibgym import Part, Simulator, Surface
 from vibgym.physics.planar.static import implicit_slip
 
 G = 9.81
 OMEGA = 2 * math.pi * 25.0
+START = [0.4, 0.1, 0.3]
 THRESHOLD = 0.6 * G / OMEGA**2  # m: horizontal amplitude at which a_h w^2 = mu g
 
 
-def simulator(surface, worlds=1, velocity=None, **properties):
-    sim = Simulator(surface, Part.rectangle(0.05, 0.035, friction=0.6, **properties), worlds=worlds)
-    sim.reset([0.4, 0.1, 0.3], velocity)
-    return sim
+def played(surface, periods, velocity=None, amplitude=0.0, phase=0.0, **properties):
+    part = Part.rectangle(0.05, 0.035, friction=0.6, **properties)
+    return simulated(surface, part, START, velocity, amplitude, phase, periods)
 
 
 def on_the_table(surface):
@@ -30,11 +31,9 @@ def on_the_table(surface):
 @pytest.mark.parametrize("fraction", [0.2, 0.9, 0.999])
 def test_below_the_threshold_it_sticks_and_moves_with_the_table(fraction):
     surface = Surface(horizontal_amplitude=fraction * THRESHOLD)
-    sim = simulator(surface, velocity=on_the_table(surface))
-    start = sim.pose
-    sim.advance(0.0, 0.0, 4)
+    sim = played(surface, 4, on_the_table(surface))
     assert sim.sticking.all()
-    assert np.abs(sim.pose - start).max() < 1e-15 * 100  # round and round with the table, to rounding
+    assert np.abs(sim.pose - START).max() < 1e-15 * 100  # round and round with the table, to rounding
     assert np.abs(sim.velocity[0, 0] - on_the_table(surface)).max() < 1e-12
 
 
@@ -42,8 +41,7 @@ def test_below_the_threshold_it_sticks_and_moves_with_the_table(fraction):
 def test_below_the_threshold_it_is_caught_from_rest(fraction):
     """Slip |u| falls by (1 - fraction) mu g per second at least, from a_h w = fraction mu g / w."""
     surface = Surface(horizontal_amplitude=fraction * THRESHOLD)
-    sim = simulator(surface)
-    sim.advance(0.0, 0.0, math.ceil(fraction / (1 - fraction) / OMEGA / surface.period))
+    sim = played(surface, math.ceil(fraction / (1 - fraction) / OMEGA / surface.period))
     assert sim.sticking.all()
     assert np.abs(sim.velocity[0, 0] - on_the_table(surface)).max() < 1e-12
 
@@ -52,16 +50,13 @@ def test_below_the_threshold_it_is_caught_from_rest(fraction):
 def test_above_the_threshold_it_never_sticks(fraction):
     surface = Surface(horizontal_amplitude=fraction * THRESHOLD)
     for velocity in (on_the_table(surface), None):
-        sim = simulator(surface, velocity=velocity)
-        sim.advance(0.0, 0.0, 50)
-        assert not sim.sticking.any()
+        assert not played(surface, 50, velocity).sticking.any()
 
 
 def test_static_friction_raises_the_threshold():
     surface = Surface(horizontal_amplitude=1.05 * THRESHOLD)
     for static, sticks in ((0.6, False), (0.62, False), (0.64, True)):
-        sim = simulator(surface, velocity=on_the_table(surface), static_friction=static)
-        sim.advance(0.0, 0.0)
+        sim = played(surface, 1, on_the_table(surface), static_friction=static)
         assert sim.sticking[0, 0] == sticks, static
 
 
@@ -69,9 +64,7 @@ def test_static_friction_does_not_catch_what_slides():
     """Between the thresholds both are possible (thesis eq. 3.23), and the initial state persists."""
     surface = Surface(horizontal_amplitude=1.05 * THRESHOLD)
     for velocity, sticks in ((on_the_table(surface), True), (None, False)):
-        sim = simulator(surface, velocity=velocity, static_friction=0.7)
-        sim.advance(0.0, 0.0, 50)
-        assert sim.sticking[0, 0] == sticks
+        assert played(surface, 50, velocity, static_friction=0.7).sticking[0, 0] == sticks
 
 
 def released(surface, amplitude, phase, static):
@@ -106,9 +99,9 @@ def test_breakaway_on_one_element(static):
         slip = free * max(0.0, 1.0 - hold / abs(free)) if free else 0j
         way += slip * dt
 
-    sim = Simulator(surface, part, steps=1, substeps=40)
-    sim.reset([1.0, 1.0, 0.3], on_the_table(surface))
-    sim.advance(amplitude, phase)
+    sim = simulated(
+        surface, part, [1.0, 1.0, 0.3], on_the_table(surface), amplitude, phase, steps=1, substeps=40
+    )  # fmt: skip
     moved = complex(*(sim.pose[0, 0, :2] - 1.0))
     assert abs(way) > 1e-5  # m: it does slide
     assert abs(moved + way) < 2e-4 * abs(way) + 2.0 * abs(slip) * dt
@@ -121,10 +114,10 @@ def test_vertical_motion_makes_it_stick_for_part_of_a_period():
     assert not surface.slides_permanently(0.6)
     stuck = np.zeros(2, dtype=bool)
     for k, share in enumerate((0.25, 0.8)):  # A / g
-        sim = simulator(surface, velocity=on_the_table(surface))
+        sim = played(surface, 1, on_the_table(surface), share * surface.lift_off_amplitude, math.pi)
         for _ in range(10):
-            sim.advance(share * surface.lift_off_amplitude, math.pi)  # cos(alpha) = -1: g + A at the start
             stuck[k] |= sim.sticking[0, 0]
+            sim.advance(share * surface.lift_off_amplitude, math.pi)  # cos(alpha) = -1: g + A at the start
         assert np.hypot(*sim.mean_velocity[0, 0, :2]) > 1e-3
     assert stuck.tolist() == [False, True]
 
@@ -135,28 +128,11 @@ def test_permanent_sliding_never_sticks(friction):
     surface, worlds = Surface(), 32
     assert surface.slides_permanently(friction)
     rng = np.random.default_rng(7)
-    sim = Simulator(surface, Part.rectangle(0.05, 0.035, friction=friction), worlds=worlds)
-    pose = rng.uniform([0.1, 0.06, -3], [0.7, 0.14, 3], (worlds, 3))
-    amplitude = np.full((worlds, 8, 32), surface.max_amplitude)
+    pose = rng.uniform([0.1, 0.06, -3], [0.7, 0.14, 3], (worlds, 1, 3))
     phase = rng.uniform(-math.pi, math.pi, (worlds, 8, 32))
-    sim.reset(pose[:, None], on_the_table(surface))
-    sim.advance(amplitude, phase, 25)
+    part = Part.rectangle(0.05, 0.035, friction=friction)
+    sim = simulated(surface, part, pose, on_the_table(surface), surface.max_amplitude, phase, 25)
     assert not sim.sticking.any() and not sim.diverged.any()
-
-
-def test_sticking_is_state():
-    """Sticking is part of snapshots, and a reset clears it."""
-    surface = Surface(horizontal_amplitude=1.05 * THRESHOLD)
-    sim = simulator(surface, velocity=on_the_table(surface), static_friction=0.7)
-    sim.advance(0.0, 0.0, 3)
-    state, other = sim.get_state(), simulator(surface, static_friction=0.7)
-    other.set_state(state)
-    for each in (sim, other):
-        each.advance(0.0, 0.0, 3)
-        assert each.sticking.all()
-    assert (sim.pose == other.pose).all()
-    sim.reset([0.4, 0.1, 0.3])
-    assert not sim.sticking.any()
 
 
 def power(load, x, y, sx, sy, spin):

@@ -7,22 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.simulation.helpers import kinetic_energy, random_fields, same, snapshot
+from tests.simulation.helpers import L_SHAPE, STILL, kinetic_energy, random_fields, simulated
 from vibgym import Part, Simulator, Surface
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.physics.contacts.broad_phase import near_pairs, new_circles, pair_capacity
-from vibgym.scene.hulls import WALLS, gaps_between
+from vibgym.scene.hulls import WALLS
 
 SURFACE = Surface(24, 40)
-STILL = Surface(20, 20, 0.05, 0.0)
 KINDS = [
     Part.rectangle(0.05, 0.04, friction=0.64, height=0.004, name="steel"),
     Part.rectangle(0.05, 0.035, friction=0.58, mass=0.0945, contact_friction=0.7, name="aluminium"),
     Part.disc(0.02, friction=0.6, name="disc"),
-    Part.polygon(
-        np.array([(0, 0), (50, 0), (50, 20), (20, 20), (20, 50), (0, 50)]) * 1e-3, friction=0.6, contact_friction=0.1
-    ),
+    Part.polygon(L_SHAPE.outline, friction=0.6, contact_friction=0.1),
     # These require more steps, finer ones, smaller overlaps, and more iterations of the solver.
     Part.disc(0.005, friction=0.9, mass=0.5, name="small and heavy"),
     Part.rectangle(0.03, 0.0004, friction=0.3, mass=0.01, name="thin"),
@@ -47,10 +44,7 @@ def heap(rng, count, corner):
 
 
 def advanced(kinds, pose, velocity, periods, fields, walls=WALLS):
-    simulator = Simulator(SURFACE, [KINDS[k] for k in kinds], walls=walls)
-    simulator.reset(pose, velocity)
-    simulator.advance(*(each[0] for each in fields), periods)
-    return simulator
+    return simulated(SURFACE, [KINDS[k] for k in kinds], pose, velocity, *fields, periods, walls=walls)
 
 
 # -- bits --------------------------------------------------------------------------------------------------------------
@@ -82,10 +76,8 @@ def test_the_same_bits_among_a_thousand():
     fields = (rng.uniform(0.0, 3e-4, (115, 115)), rng.uniform(-math.pi, math.pi, (115, 115)))
 
     def run(more, first):
-        simulator = Simulator(surface, [block] * (5 + len(more)), walls=WALLS)
-        simulator.reset(np.concatenate([more[:first], pose, more[first:]]))
-        simulator.advance(*fields, 12)
-        return simulator
+        everything = np.concatenate([more[:first], pose, more[first:]])
+        return simulated(surface, [block] * len(everything), everything, None, *fields, 12, walls=WALLS)
 
     alone, among = run(crowd[:0], 0), run(crowd, 500)
     assert state_of(among, np.arange(500, 505)) == state_of(alone, np.arange(5))
@@ -126,52 +118,6 @@ def test_an_impact_propagates_through_separate_pairs(gap, pairs):
     way = 3.0 * STILL.period - 0.02 - gap * (pairs - 1)
     assert simulator.pose[0, -1, 0] == pytest.approx(x[-1] + way, abs=1e-5 * len(x))
     assert simulator.deepest_overlap < 1e-5
-
-
-@pytest.mark.parametrize("speed", [2.0, 5.0])
-def test_a_fast_part_through_several_islands(speed):
-    """A fast disc hits pairs in many worlds: momentum and energy are conserved, and no part is passed through."""
-    worlds, rng = 40, np.random.default_rng(7)
-    parts = [ELASTIC] * 13
-    pose = np.zeros((worlds, 13, 3))
-    for k in range(12):
-        pose[:, 1 + k, 0] = 0.3 + 0.11 * (k // 4) + 0.02 * (k % 2)
-        pose[:, 1 + k, 1] = 0.35 + 0.08 * (k % 4) + rng.uniform(-0.005, 0.005, worlds)
-    pose[:, 0] = [0.1, 0.45, 0.0]
-    velocity = rng.uniform(-0.05, 0.05, pose.shape)
-    velocity[:, 0, 0], velocity[..., 2] = speed, 0.0
-    simulator = Simulator(STILL, parts, walls=WALLS, worlds=worlds)
-    simulator.reset(pose, velocity)
-    momentum, energy = simulator.velocity[..., 1].sum(axis=1), kinetic_energy(simulator)
-    for _ in range(4):
-        simulator.advance(0.0, 0.0)
-        away_from_walls = np.abs(simulator.pose[..., 1] - 0.5).max(axis=1) < 0.45
-        off = np.abs(simulator.velocity[..., 1].sum(axis=1) - momentum)
-        assert (off[away_from_walls] < 1e-12 * speed).all()
-        assert (np.abs(kinetic_energy(simulator) / energy - 1.0) < 2e-3).all()
-        assert gaps_between(parts, simulator.pose).min() > -60e-6
-    assert simulator.statistics["contact_steps"] > 3 * worlds
-    assert simulator.deepest_overlap < 60e-6
-
-
-# -- divergence --------------------------------------------------------------------------------------------------------------
-
-
-def test_a_world_with_a_diverged_part():
-    """It keeps its last state, including other heaps; other worlds are unaffected."""
-    rng = np.random.default_rng(0)
-    kinds, pose, velocity = heap(rng, 6, (0.1, 0.1))
-    parts, fields = [KINDS[k] for k in kinds], random_fields(SURFACE, 3, seed=6)
-    simulator, sound = (Simulator(SURFACE, parts, worlds=3, walls=["left"]) for _ in range(2))
-    for each in (simulator, sound):
-        each.reset(pose, velocity)
-    simulator.state.velocity[1, 3, 0] = math.nan
-    for each in (simulator, sound):
-        each.advance(*fields, 3)
-    assert simulator.diverged.tolist() == [False, True, False]
-    others = [0, 1, 2, 4, 5]
-    assert (simulator.pose[1] == pose).all() and (simulator.velocity[1, others] == velocity[others]).all()
-    assert same(snapshot(simulator, [0, 2]), snapshot(sound, [0, 2]))
 
 
 def test_a_table_smaller_than_a_part_can_reach():

@@ -6,7 +6,8 @@ import pickle
 import numpy as np
 import pytest
 
-from vibgym import Part, Simulator, Surface
+from tests.simulation.helpers import random_fields, simulated
+from vibgym import Part, Surface
 from vibgym.scene.kinds import Kinds
 
 SURFACE = Surface(rows=6, columns=8)
@@ -29,46 +30,30 @@ def test_each_world_moves_as_one_with_its_parts_alone(model, parts):
     kind = np.array([draw.integers(0, len(EVERY), parts) for _ in range(worlds)])
     kinds = Kinds(EVERY, np.zeros((worlds, parts), dtype=int), [range(len(EVERY))] * parts)
     kinds.choose(np.arange(worlds), kind)
-    together = Simulator(SURFACE, kinds, worlds=worlds, **settings)
     middle = np.array([[0.06, 0.05, 0.3], [0.125, 0.05, 1.0], [0.06, 0.11, 2.0], [0.125, 0.11, 0.0]])[:parts]
     pose = middle + draw.uniform(-0.002, 0.002, (worlds, parts, 3))
-    amplitude = draw.uniform(0.0, SURFACE.max_amplitude, (worlds, SURFACE.rows, SURFACE.columns))
-    phase = draw.uniform(-3.0, 3.0, amplitude.shape)
-    together.reset(pose)
-    together.advance(amplitude, phase, 12)
+    amplitude, phase = random_fields(SURFACE, worlds)
+    together = simulated(SURFACE, kinds, pose, None, amplitude, phase, 12, **settings)
     for world in range(worlds):
         # Fast contacts take the steps that the finest of all kinds requires.
         everyone = Kinds(EVERY, kind[[world]], [range(len(EVERY))] * parts)
-        alone = Simulator(SURFACE, everyone, **settings)
-        alone.reset(pose[world])
-        alone.advance(amplitude[world], phase[world], 12)
+        scene = pose[world], None, amplitude[world], phase[world], 12
+        alone = simulated(SURFACE, everyone, *scene, **settings)
         for name in ("pose", "velocity", "mean_velocity", "fallen", "contact_impulse"):
             np.testing.assert_array_equal(getattr(together, name)[world], getattr(alone, name)[0], err_msg=name)
         if settings.get("contacts") != "fast":
-            fixed = Simulator(SURFACE, [EVERY[k] for k in kind[world]], **settings)
-            fixed.reset(pose[world])
-            fixed.advance(amplitude[world], phase[world], 12)
+            fixed = simulated(SURFACE, [EVERY[k] for k in kind[world]], *scene, **settings)
             np.testing.assert_array_equal(fixed.pose[0], together.pose[world])
     assert len({tuple(row) for row in kind.tolist()}) > 2 and np.abs(together.pose - pose).max() > 0.005
 
 
-def test_kinds_of_another_number_of_worlds_are_refused():
-    kinds = Kinds(EVERY, np.zeros((3, 1), dtype=int), [range(len(EVERY))])
-    with pytest.raises(ValueError, match="3 worlds"):
-        Simulator(SURFACE, kinds, worlds=2)
-
-
-def test_values_follow_the_kinds_as_long_as_they_are_used():
+def test_values_follow_the_kinds():
+    """Also those of copies, and of kinds with other properties."""
     kinds = Kinds(EVERY, np.zeros((2, 1), dtype=int), [range(len(EVERY))])
-    held, twice = (
-        kinds.values(lambda part: part.mass),
-        kinds.changed(lambda part: part).values(lambda part: part.mass, 2),
-    )
-    for _ in range(50):
-        kinds.values(lambda part: part.radius)
+    held = kinds.values(lambda part: part.mass)
+    twice = kinds.changed(lambda part: part).values(lambda part: part.mass, 2)
     copied, copies = copy.deepcopy((kinds, held))
     for known, values in ((kinds, held), (pickle.loads(pickle.dumps((kinds, held)))), (copied, copies)):
         known.choose(np.array([1]), np.array([[2]]))
         np.testing.assert_array_equal(values[:, 0], [EVERY[0].mass, EVERY[2].mass])
     np.testing.assert_array_equal(twice, held)
-    assert len(kinds._live.entries()) == 2 and len(copied._live.entries()) == 1
