@@ -32,7 +32,7 @@ def meetings(draw):
     approach, slip = -draw(number(0.01, 5.0)), draw(st.one_of(st.just(0.0), number(-5, 5)))
     turning = draw(st.one_of(st.just(0.0), number(-5, 5))) / max(half, 1e-3)
     assume(approach - half * abs(turning) < 0.0)
-    restitution = draw(st.sampled_from([0.0, 0.2, 0.5, 0.9, 1.0]))
+    restitution = draw(st.sampled_from([0.0, 1e-100, 0.2, 0.5, 0.9, 1.0]))
     friction = draw(st.sampled_from([0.0, 0.1, 0.3, 1.0, 3.0]))
     return mobility, approach, slip, turning, -half, half, restitution, friction
 

@@ -163,8 +163,11 @@ def impact_impulse(mobility, approach, slip, turning, low, high, restitution, co
                 length, switch = until_flat, FACES_FLAT
         else:
             root = speed * speed + 2.0 * gain * owed
-            # Without gain the speed may reach zero first: the impact ends there.
-            length = 2.0 * owed / (speed + math.sqrt(root)) if root > 0.0 else -speed / gain
+            if root > 0.0:
+                rate = speed + math.sqrt(root)
+                length = 2.0 * owed / rate if rate > 0.0 else 0.0  # zero by rounding, where hardly any work is owed
+            else:
+                length = -speed / gain  # without gain the speed may reach zero first: the impact ends there
         if slip * by_slip < 0.0 and -slip / by_slip < length:
             length, switch = -slip / by_slip, SLIP_ENDS
         if not length < math.inf:
