@@ -205,10 +205,10 @@ def test_narrowest_width():
 
 
 def angle(bend, x, y, **properties):
-    """A part with a bend at a place, with a hole if that is near the origin."""
+    """A part with a bend and a hole at a place."""
     corners = [[0, 0], [0.06, 0], [0.06, 0.02], [bend, 0.02], [bend, 0.06], [0, 0.06]]
     hole = [[0.001, 0.001], [0.004, 0.001], [0.004, 0.019]]
-    holes = [np.array(hole) + [x, y]] if abs(x) + abs(y) < 0.5 else []
+    holes = [np.array(hole) + [x, y]]
     return Part.polygon(np.array(corners) + [x, y], holes=holes, **properties)
 
 

@@ -272,8 +272,10 @@ def outline_with_holes(vertices: object, holes: Sequence[object]) -> tuple[np.nd
             "holes", f"{sum(map(len, placed))} corners", f"at most {MAX_CORNERS} with the outline's: simplify"
         )
     corners = [ring[::-1] if (signed_area(ring) < 0.0) == (k == 0) else ring for k, ring in enumerate(corners)]
-    centre = area_and_centre(corners)[1]
-    if np.abs(centre).max() > 1e-14 * float(np.abs(corners[0]).max()):  # a stored outline is restored exactly
+    for _ in range(3):  # far from the origin, the first centre has an error of rounding
+        centre = area_and_centre(corners)[1]
+        if np.abs(centre).max() <= 1e-14 * float(np.abs(corners[0]).max()):  # a stored outline is restored exactly
+            break
         corners = [ring - centre for ring in corners]
     return corners[0], corners[1:]
 
