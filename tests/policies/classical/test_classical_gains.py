@@ -1,32 +1,13 @@
-"""Online identification of gains: on constructed pulses with known effect, and on the prototype hardware."""
-
-import dataclasses
-import math
+"""Online identification of gains on constructed pulses with known effect."""
 
 import numpy as np
 import pytest
 
-from tests.envs.helpers import batch
-from tests.policies.helpers import info_of
+from tests.policies.helpers import info_of, measurement
 from vibgym.allocation.projections import SPREAD
 from vibgym.policies.classical.gains import FAULT, GAIN_SPREAD, GainLearner, turn_pushes
-from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.steering import Steering
-from vibgym.policies.registry import make_policy
-from vibgym.policies.task_info import TaskInfo
 
-MACHINE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
 POSE = np.array([0.30, 0.10, 0.4])
-
-
-def seen(info, pose, velocity=(0.0, 0.0, 0.0)):
-    """Return the measurement of one part at ``pose``."""
-    one = Measured.of(np.zeros((1, info.layout.size)), info)
-    return dataclasses.replace(
-        one, present=np.ones((1, 1), dtype=bool), centre=np.reshape(pose[:2], (1, 1, 2)),
-        heading=np.reshape(pose[2], (1, 1)), velocity=np.reshape(velocity[:2], (1, 1, 2)),
-        spin=np.reshape(velocity[2], (1, 1)),
-    )  # fmt: skip
 
 
 def played(true, pulses=40, noise=0.0, seed=0):
@@ -40,7 +21,8 @@ def played(true, pulses=40, noise=0.0, seed=0):
     left, late, off = np.zeros(3), [np.zeros(3)] * 2, np.zeros(3)
     gyration = learner.numbers.gyration[0]
     for step in range(12 * pulses):
-        learner.learn(seen(info, POSE + off / [1.0, 1.0, gyration] + noise * random.normal(size=3)), gains)
+        pose = POSE + off / [1.0, 1.0, gyration] + noise * random.normal(size=3)
+        learner.learn(measurement(info, centre=pose[:2], heading=pose[2]), gains)
         push = np.zeros((*shape, 2))
         if step % 12 == 0:
             under = gains.element[0, 0][gains.arm[0, 0, :, 0] > 0.0]
@@ -110,7 +92,8 @@ def test_fast_parts_are_not_used():
     learner = GainLearner(info)
     gains = learner.begin(1)
     for step in range(20):
-        unseen, doubt = learner.learn(seen(info, POSE + [0.01 * step, 0.0, 0.0], (0.25, 0.0, 0.0)), gains)
+        moving = measurement(info, centre=POSE[:2] + [0.01 * step, 0.0], heading=POSE[2], velocity=[0.25, 0.0])
+        unseen, doubt = learner.learn(moving, gains)
         assert (unseen == 0.0).all() and (doubt == 0.0).all()
         learner.predict(np.full((1, 8, 32, 2), 0.5), gains, np.zeros((1, 1, 3)))
     assert (gains.mean == 0.0).all() and (learner.known(gains)[0] == 1.0).all()
@@ -123,28 +106,3 @@ def test_pushes_are_turned():
     turn_pushes(angle, got.reshape(2, 256, 2))
     expected = (push[..., 0] + 1j * push[..., 1]) * np.exp(1j * angle.reshape(2, 8, 32))
     assert got[..., 0] + 1j * got[..., 1] == pytest.approx(expected)
-
-
-def test_only_used_with_hard_dead_zones():
-    assert Steering(info_of("Align")).learner is None
-    assert Steering(info_of("Align", actuators={"kind": "prototype", "dead_zone_form": "soft"})).learner is None
-    assert Steering(info_of("Sort", actuators="prototype")).learner is None  # its task has no goal poses
-    assert Steering(info_of("Align", actuators="prototype"), Steering.Settings(learn=False)).learner is None
-    assert isinstance(Steering(info_of("Align", actuators="prototype")).learner, GainLearner)
-
-
-def test_a_world_has_the_same_gains_alone_and_in_a_batch():
-    """Bit for bit, with dead elements, until all parts are at their goals."""
-    machine = {**MACHINE, "actuators": {"kind": "prototype", "dead": 0.2}}
-    env = batch("Align", 6, action="phasor", **machine)
-    policy = make_policy({"kind": "local_field", "law": "pose"}, TaskInfo.of(env))
-    rows, _ = env.reset(seed=3)
-    together, alone = None, [None] * 6
-    for _ in range(60):
-        actions, together = policy.predict(rows, together)
-        for world, row in enumerate(rows):
-            action, alone[world] = policy.predict(row, alone[world])
-            assert (action == actions[world]).all()
-        rows, *_ = env.step(actions)
-    assert (np.abs(together.output.mean[:, 0]) > 0.02).any(axis=1).sum() >= 4  # and gains have changed
-    assert math.isfinite(np.abs(together.output.covariance).max())

@@ -76,14 +76,3 @@ def test_parts_rest_under_the_zero_policy(task):
     for _ in range(20):
         seen, *_ = env.step(policy.predict(seen)[0])
     assert np.abs(env.unwrapped.truth.pose - start).max() < 1e-4
-
-
-def test_local_field_stores_the_last_commands():
-    policy = make_policy("local_field", info_of("Rotate"))
-    seen = observations("Rotate", steps=2)
-    first, state = policy.predict(seen[0])
-    assert state.acceleration.shape == (6, 1, 3) and state.law == () and state.acceleration.any()
-    quick = state._replace(acceleration=state.acceleration + 5.0)
-    later = policy.predict(seen[1], state)[0]
-    assert (later != policy.predict(seen[1], quick)[0]).any()
-    assert (policy.predict(seen[1], quick, np.ones(6, dtype=bool))[0] == policy.predict(seen[1])[0]).all()
