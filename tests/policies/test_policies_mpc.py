@@ -80,15 +80,10 @@ def test_plans_reach_goals_and_improve_a_base_policy():
     assert led.success.all() and led.returns.mean() > base.returns.mean() - 0.1
 
 
-@pytest.mark.parametrize("settings, named", [
-    ({"action": "element"}, "action"), ({"base": "magic"}, "policy.kind"),
-    ({"base": "open_loop"}, "base.action"), ({"base": "planner", "action": "field"}, "field"),
+@pytest.mark.parametrize("settings, task, named", [
+    ({"action": "element"}, "Align", "action"), ({"base": "magic"}, "Align", "policy.kind"), ({}, "Follow", "policy 'mpc'"),
+    ({"base": "open_loop"}, "Align", "base.action"), ({"base": "planner", "action": "field"}, "Align", "field"),
 ])  # fmt: skip
-def test_bad_settings(settings, named):
+def test_bad_settings_and_moving_goals_are_refused(settings, task, named):
     with pytest.raises(ValueError, match=named):
-        make_policy({**SMALL, **settings}, info_of("Align"))
-
-
-def test_moving_goals_are_refused():
-    with pytest.raises(ValueError, match="policy 'mpc'"):
-        make_policy("mpc", info_of("Follow"))
+        make_policy({**SMALL, **settings}, info_of(task))

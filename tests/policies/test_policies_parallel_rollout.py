@@ -15,12 +15,11 @@ SEEDS = range(FRESH, FRESH + 6)
 
 
 class Still:
-    """Policy that brakes all parts; it counts its steps since it began to act."""
+    """Policy that brakes all parts, and counts its steps since it began to act."""
 
     action, observation = "velocity", "state"
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        """Return zeros and the count."""
         age = np.zeros(len(observation), dtype=np.int64) if state is None else state
         age = np.where(False if episode_start is None else episode_start, 0, age)
         return np.zeros((len(observation), 3), dtype=np.float32), age + 1
@@ -79,7 +78,7 @@ def test_the_better_policy_acts_and_begins_anew():
 
 def test_a_policy_takes_over_when_the_other_fails_later():
     class Slack(Still):
-        """Brakes from the fifth step on, and follows the law before."""
+        """Policy that follows a law for five steps, and then brakes."""
 
         def __init__(self, law):
             self.law = law
@@ -126,15 +125,10 @@ def test_worlds_are_on_their_own():
         state = after
 
 
-@pytest.mark.parametrize("settings, named", [
-    ({"policies": []}, "policy.policies"), ({"policies": "pose"}, "policy.policies"), ({"policies": ["magic"]}, "policy.kind"),
-    ({"policies": ["open_loop", Still()]}, r"policies\[1\].action"),
+@pytest.mark.parametrize("policies, task, named", [
+    ([], "Align", "policy.policies"), ("pose", "Align", "policy.policies"), (["magic"], "Align", "policy.kind"),
+    (["open_loop", Still()], "Align", r"policies\[1\].action"), (["pose"], "Follow", "policy 'parallel_rollout'"),
 ])  # fmt: skip
-def test_bad_settings(settings, named):
+def test_bad_policies_and_moving_goals_are_refused(policies, task, named):
     with pytest.raises(ValueError, match=named):
-        make_policy({"kind": "parallel_rollout", **settings}, info_of("Align", action="velocity"))
-
-
-def test_moving_goals_are_refused():
-    with pytest.raises(ValueError, match="policy 'parallel_rollout'"):
-        make_policy(choice_of("pose"), info_of("Follow"))
+        make_policy({"kind": "parallel_rollout", "policies": policies}, info_of(task, action="velocity"))

@@ -71,7 +71,7 @@ def test_good_parts_per_minute(task, settings, least):
     policy = make_policy({"kind": "lanes", "action": "wrench"}, env)
     state, info = None, {}
     observation, _ = env.reset(seed=20)
-    for _ in range(1500):
+    for _ in range(1000):
         action, state = policy.predict(observation, state, None)
         observation, _, _, _, info = env.step(action)
     faulty = sum(info[f"{name}_per_minute"] for name in ("tilted", "close", "wrong", "lost"))
