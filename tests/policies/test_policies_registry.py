@@ -17,7 +17,7 @@ from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.classical.steering import LocalFieldPolicy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
-from vibgym.policies.task_info import POLICIES
+from vibgym.policies.task_info import POLICIES, TaskInfo
 from vibgym.settings import BaseSettings
 from vibgym.tasks import TASKS
 
@@ -215,3 +215,28 @@ def test_only_policies_that_need_the_extra_require_it():
         f"policy '{name}' needs {module}, which is not installed: pip install 'vibgym[policies]'"
         for name, module in needed
     ]
+
+
+def test_worlds_with_drawn_shapes_have_policies_for_their_parts():
+    """As if each world had a policy of its own, also where an episode has drawn another shape."""
+    law = {"kind": "pose", "action": "wrench"}
+    env = gym.make_vec("vibgym/AlignShapes-v0", num_envs=4, action="wrench", autoreset_mode="Disabled")
+    policy, kinds, info = make_policy(law, env), env.unwrapped.core.kinds, TaskInfo.of(env)
+    seen, _ = env.reset(seed=1)
+    state, start, alone, memories = None, np.ones(4, dtype=bool), [None] * 4, [None] * 4
+    for step in range(9):
+        action, state = policy.predict(seen, state, start)
+        for world in np.flatnonzero(start):
+            parts = [kinds.every[kind] for kind in kinds.kind[world]]
+            alone[world], memories[world] = make_policy(law, info.with_parts(parts)), None
+        for world in range(4):
+            expected, memories[world] = alone[world].predict(seen[world], memories[world])
+            assert (action[world] == expected).all()
+        seen = env.step(action)[0]
+        start = np.isin(np.arange(4), [1, 2] if step == 3 else [1] if step == 6 else [])
+        if start.any():
+            shapes = kinds.kind.copy()
+            seen, _ = env.reset(options={"reset_mask": start})
+            assert (kinds.kind != shapes).any()
+    with pytest.raises(ValueError, match="batch of 3"):
+        policy.predict(seen[:3])

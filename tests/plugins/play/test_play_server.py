@@ -1,6 +1,5 @@
 """The server: separate worlds, reconnection, refused requests; and the command that starts it."""
 
-import builtins
 import http.client
 import json
 import os
@@ -176,14 +175,7 @@ def test_bad_options_and_a_taken_port_are_one_line(capsys, tmp_path):
 
 @pytest.mark.parametrize("missing", ["uvicorn", "starlette", "websockets"])
 def test_without_the_extra(capsys, monkeypatch, missing):
-    real = builtins.__import__
-
-    def without(name, *rest):
-        if name == missing:
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, missing, None)  # counts as not installed
     assert error_of(capsys) == f"play needs {missing}, which is not installed: pip install 'vibgym[play]'\n"
 
 
