@@ -10,6 +10,7 @@ from vibgym.policies.measures import Measures
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Episodes, environment_id, run, worlds_of
 from vibgym.policies.task_info import TaskInfo
+from vibgym.scene.hulls import gaps_between
 
 SEEDS = range(FRESH, FRESH + 6)
 SMALL = {"surface": {"rows": 3, "columns": 4}, "action": "field"}
@@ -100,18 +101,32 @@ class Scripted:
         return action, step + 1
 
 
-def test_costs_are_the_sums_of_the_steps():
+def touching(env):
+    """Return whether pairs of parts are closer than 0.1 mm, (worlds, parts, parts) bool."""
+    truth, kinds = env.unwrapped.truth, env.unwrapped.core.kinds
+    there = truth.present & ~truth.fallen
+    near = gaps_between(kinds, truth.pose) < 1e-4
+    return np.triu(near & there[:, :, None] & there[:, None], 1)
+
+
+def test_costs_changes_and_collisions_are_the_sums_of_the_steps():
     settings = {"costs": {"impulse": 1.0, "clearance": 0.1}, "action": "phasor", "max_episode_steps": 60}
     outcomes = rollout("planner", "SortCrowded", seeds=[3, 4], keep=Measures, **settings)
     env = worlds_of("SortCrowded", 2, **settings)
-    total, changes, last = np.zeros(2), np.zeros(2), None
-    for step in Episodes(make_policy("planner", env), env, [3, 4]):
+    (total, changes, collisions), last = np.zeros((3, 2)), None
+    steps = Episodes(make_policy("planner", env), env, [3, 4])
+    before = touching(env)
+    for step in steps:
+        now = touching(env)
+        collisions, before = collisions + (now & ~before).sum(axis=(1, 2)), now
         total += step.playing * step.info["cost"]
         changes += 0.0 if last is None else step.playing * np.abs(step.action.astype(float) - last).mean(axis=1)
         last = step.action
     np.testing.assert_allclose(outcomes.cost, total)
     np.testing.assert_allclose(outcomes.action_change, changes / (outcomes.steps - 1))
-    assert outcomes.cost.min() > 0.0 and np.isnan(outcomes.overshoots).all() and np.isnan(outcomes.corrections).all()
+    np.testing.assert_array_equal(outcomes.collisions, collisions)
+    assert collisions.sum() > 0 and outcomes.cost.min() > 0.0
+    assert np.isnan(outcomes.overshoots).all() and np.isnan(outcomes.corrections).all()
     assert np.isnan(rollout("pose", "Align", seeds=[1], keep=Measures).cost).all()
 
 
