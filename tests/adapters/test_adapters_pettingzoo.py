@@ -49,8 +49,6 @@ def test_ids_of_registered_environments_are_names(monkeypatch):
     for name in ("Sort", "vibgym/Sort-v0", "MySort-v3"):
         env = vibgym.parallel_env(name)
         assert len(env.reset(seed=0)[0]) == 6
-    with pytest.raises(ValueError, match="name"):
-        vibgym.parallel_env("Juggle")
 
 
 @pytest.mark.parametrize("action", ["wrench", "velocity", "target", "patch"])
@@ -71,9 +69,8 @@ def test_agents_get_their_rows_of_all_arrays(action):
             assert_same(observations[agent], seen["parts"][part])
             assert many.observation_space(agent).contains(observations[agent])
             assert infos[agent]["done"] == info["parts"]["done"][part]
-            assert infos[agent]["reward_terms"] == {
-                name: values[part] for name, values in info["parts"]["reward_terms"].items()
-            }
+            terms = {name: values[part] for name, values in info["parts"]["reward_terms"].items()}
+            assert infos[agent]["reward_terms"] == terms
         assert_same(many.state(), seen["parts"])
         actions = {agent: many.action_space(agent).sample() for agent in reversed(many.agents)}
         together = np.zeros((6, many.action_space("part_0").shape[0]), dtype=np.float32)
@@ -113,9 +110,8 @@ def test_absent_parts_can_be_agents_that_do_nothing(credited):
             assert [rewards[agent] for agent in absent] == [0.0] * len(absent)
             assert not credited or {agent: rewards[agent] for agent in here} == own
             assert all(rewards[agent] != 0.0 for agent in here)
-    assert vibgym.parallel_env("Sort", keep_absent=True, **settings).reset(seed=0)[0].keys() == set(
-        kept.possible_agents
-    )
+    made = vibgym.parallel_env("Sort", keep_absent=True, **settings)
+    assert made.reset(seed=0)[0].keys() == set(kept.possible_agents)
 
 
 def test_pettingzoo_makes_them_by_their_ids():
@@ -136,12 +132,11 @@ def test_reset_options_are_passed_on_and_others_warned_about():
 
 
 def test_bad_input():
-    with pytest.raises(ValueError, match="name"):
-        vibgym.parallel_env("Short")
-    with pytest.raises(ValueError, match=r"observation"):
-        vibgym.parallel_env("Sort", observation="state")
-    with pytest.raises(ValueError, match=r"action"):
-        vibgym.parallel_env("Sort", action="element")
+    for name, settings, named in (
+        ("Juggle", {}, "name"), ("Sort", {"observation": "state"}, "observation"), ("Sort", {"action": "element"}, "action"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=named):
+            vibgym.parallel_env(name, **settings)
     with pytest.raises(ValueError, match="env"):
         PartsParallelEnv(single("Sort"))
     many = vibgym.parallel_env("Sort", randomize={"parts": [2, 2]})

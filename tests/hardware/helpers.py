@@ -27,6 +27,17 @@ class Polar(PrototypeActuators):
         return super().apply(self.polar)
 
 
+def as_image(k, measurement, now):
+    """Change a measurement into an image whose bytes are the poses; see :class:`Faulty`."""
+    image = np.frombuffer(measurement.pose.tobytes(), np.uint8).reshape(1, -1)
+    return measurement._replace(pose=None, image=image), now
+
+
+def locate(image):
+    """Return the pose (1, 3) in an image."""
+    return np.frombuffer(image.tobytes()).reshape(1, 3)
+
+
 class Faulty:
     """A simulated machine whose measurements a function changes: ``change(k, measurement, now)`` of cycle k."""
 

@@ -4,12 +4,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.hardware.helpers import IDEAL, PROTOTYPE, SENSOR, Faulty, Polar
+from tests.hardware.helpers import IDEAL, PROTOTYPE, SENSOR, Faulty, Polar, as_image, locate
+from vibgym import Part, Surface
 from vibgym.actuators import ACTUATORS
 from vibgym.envs.actions import Action
-from vibgym.hardware import ControlLoop, HardwareEnv, SimulatedDriver
+from vibgym.hardware import ControlLoop, HardwareEnv, ReplayDriver, SimulatedDriver
 from vibgym.hardware.env import Readings, write_motion
-from vibgym.identification import Log
+from vibgym.hardware.record import Recorder
+from vibgym.identification import Excitation, Log, fit
 from vibgym.policies import make_policy
 from vibgym.policies.task_info import TaskInfo
 
@@ -22,21 +24,22 @@ def named(monkeypatch):
 
 
 def simulated(task, policy, cycles, seed, **settings):
-    """Return poses (cycles + 1, parts, 3), motion (cycles, 2, rows, columns) and observations of an episode."""
+    """Return poses (cycles + 1, parts, 3) and motion (cycles, 2, rows, columns) of an episode."""
     probe = gym.make(f"vibgym/{task}-v0", **settings)
     policy = make_policy(policy, probe)
     env = gym.make(f"vibgym/{task}-v0", **{**settings, "action": policy.action, "observation": policy.observation})
     observation, _ = env.reset(seed=seed)
     core, surface, state, batches = env.unwrapped.core, env.unwrapped.surface, None, []
     core.pipeline.before.append(batches.append)
-    poses, motions, seen = [env.unwrapped.truth.pose[0]], [], [observation]
+    poses, motions = [env.unwrapped.truth.pose[0]], []
     for _ in range(cycles):
         action, state = policy.predict(observation, state, deterministic=True)
         observation = env.step(action)[0]
         motion = np.zeros((2, surface.rows, surface.columns))
         write_motion(core.actuators.compensated(batches[-1].command), surface, *motion)
-        motions.append(motion), poses.append(env.unwrapped.truth.pose[0]), seen.append(observation)
-    return np.array(poses), np.array(motions), seen
+        motions.append(motion)
+        poses.append(env.unwrapped.truth.pose[0])
+    return np.array(poses), np.array(motions)
 
 
 class Watched(SimulatedDriver):
@@ -70,20 +73,6 @@ SCENES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_commands_and_poses_are_those_of_the_environment_bit_for_bit(name):
-    """Except that an environment's own actuators read commands in another form, see the next test."""
-    task, policy, settings = SCENES[name]
-    rounded = {**settings, "actuators": {**settings["actuators"], "kind": "polar"}}
-    poses, motions, _ = simulated(task, policy, CYCLES, 7, **rounded)
-    driver = Watched(task, seed=7, **settings)
-    outcome = ControlLoop(driver, task, policy, **settings).run(CYCLES, seed=7, beyond=True)
-    assert (outcome.reason, outcome.cycles, outcome.missed) == ("cycle limit", CYCLES, 0)
-    assert np.ptp(poses, axis=0).max() > 0.01  # something has moved
-    np.testing.assert_array_equal(driver.motions, motions)
-    np.testing.assert_array_equal(driver.poses, poses)
-
-
 TURNED = np.stack([np.linspace(0.9, 1.1, 256), np.linspace(-0.4, 0.4, 256)], axis=-1).reshape(8, 32, 2)
 COMPENSATED = {"kind": "prototype", "gain": 0.9, "phase": 0.5, "elements": TURNED.tolist(), "compensate": True}
 ROUNDED = {
@@ -92,14 +81,22 @@ ROUNDED = {
 }
 
 
-@pytest.mark.parametrize("name", ROUNDED)
-def test_amplitude_and_phase_differ_by_rounding_from_the_commands_of_the_environment(name):
-    task, policy, settings = ROUNDED[name]
-    poses, motions, _ = simulated(task, policy, CYCLES, 7, **settings)
+@pytest.mark.parametrize("name, exactly", [*((name, True) for name in SCENES), *((name, False) for name in ROUNDED)])
+def test_commands_and_poses_are_those_of_the_environment(name, exactly):
+    """Bit for bit, if the environment's actuators are given amplitude and phase as well, else except for their rounding."""
+    task, policy, settings = (SCENES if exactly else ROUNDED)[name]
+    kind = "polar" if exactly else "prototype"
+    rounded = {**settings, "actuators": {**settings["actuators"], "kind": kind}}
+    poses, motions = simulated(task, policy, CYCLES, 7, **rounded)
     driver = Watched(task, seed=7, **settings)
-    ControlLoop(driver, task, policy, **settings).run(CYCLES, seed=7, beyond=True)
-    np.testing.assert_allclose(driver.poses, poses, rtol=0.0, atol=1e-11)
-    np.testing.assert_allclose(np.array(driver.motions)[:, 0], motions[:, 0], rtol=0.0, atol=1e-13)
+    outcome = ControlLoop(driver, task, policy, **settings).run(CYCLES, seed=7, beyond=True)
+    assert (outcome.reason, outcome.cycles, outcome.missed) == ("cycle limit", CYCLES, 0)
+    assert np.ptp(poses, axis=0).max() > 0.01  # something has moved
+    np.testing.assert_allclose(driver.poses, poses, rtol=0.0, atol=0.0 if exactly else 1e-11)
+    if exactly:
+        np.testing.assert_array_equal(driver.motions, motions)
+    else:
+        np.testing.assert_allclose(np.array(driver.motions)[:, 0], motions[:, 0], rtol=0.0, atol=1e-13)
 
 
 def test_observations_and_info_are_those_of_the_environment():
@@ -137,17 +134,11 @@ def test_goals_can_be_set_and_start_poses_cannot():
         loop.env.reset(options={"pose": [0.5, 0.1, 0.3]})
 
 
-@pytest.mark.parametrize(
-    ("task", "settings", "message"),
-    [
-        ("Feed", {}, "arrive and leave"),
-        ("Align", {"randomize": {"disturbance": {"rate": 1.0, "tilt_deg": 2.0}}}, "disturbance"),
-        ("Align", {"costs": {"effort": 1.0}}, "costs"),
-        ("Align", {"sensor": {"kind": "ideal", "report": ["contacts"]}}, "contacts"),
-        ("AlignShapes", {}, "shapes"),
-        ("Alien", {}, "Alien"),
-    ],
-)
+@pytest.mark.parametrize(("task", "settings", "message"), [
+    ("Feed", {}, "arrive and leave"), ("AlignShapes", {}, "shapes"), ("Alien", {}, "Alien"),
+    ("Align", {"randomize": {"disturbance": {"rate": 1.0, "tilt_deg": 2.0}}}, "disturbance"),
+    ("Align", {"costs": {"effort": 1.0}}, "costs"), ("Align", {"sensor": {"kind": "ideal", "report": ["contacts"]}}, "contacts"),
+])  # fmt: skip
 def test_settings_without_a_meaning_on_hardware_are_refused(task, settings, message):
     with pytest.raises(ValueError, match=message):
         HardwareEnv(None, task, **settings)
@@ -179,14 +170,6 @@ def test_velocities_count_the_time_between_samples():
 
 def test_images_are_located():
     """An image whose bytes are the pose: the same run as with the pose itself."""
-
-    def as_image(k, measurement, now):
-        image = np.frombuffer(measurement.pose.tobytes(), np.uint8).reshape(1, -1)
-        return measurement._replace(pose=None, image=image), now
-
-    def locate(image):
-        return np.frombuffer(image.tobytes()).reshape(1, 3)
-
     settings = {"sensor": "pose", "action": "velocity"}
     poses, images = Faulty(**settings), Faulty(as_image, **settings)
     ControlLoop(poses, "Align", "pose", **settings).run(20, seed=5)
@@ -225,31 +208,26 @@ def test_the_motion_is_that_of_the_phasors():
     assert np.count_nonzero(motion[0]) == 2
 
 
-def test_a_run_is_recorded_and_replayed(tmp_path):
-    from vibgym.hardware import ReplayDriver
-
+@pytest.mark.parametrize("skip", [{}, {5: 2, 12: 3}], ids=["no missed cycles", "missed cycles"])
+def test_a_run_is_recorded_and_replayed(tmp_path, skip):
     settings = {"actuators": PROTOTYPE, "sensor": SENSOR, "action": "velocity"}
-    driver = Watched("Align", seed=7, **settings)
-    loop = ControlLoop(driver, "Align", "pose", **settings)
-    outcome = loop.run(CYCLES, seed=7, record=tmp_path / "run.npz")
+    driver = Faulty(skip=skip, **settings)
+    outcome = ControlLoop(driver, "Align", "pose", **settings).run(CYCLES, seed=7, record=tmp_path / "run.npz")
     log = Log.load(outcome.log)
-    assert len(log) == outcome.cycles + 1  # and the stop
-    np.testing.assert_array_equal(np.stack([log.amplitude, log.phase], axis=1)[:-1], driver.motions)
+    assert outcome.missed == sum(skip.values()) and len(log) == outcome.cycles + 1  # and the stop
+    np.testing.assert_array_equal(np.stack([log.amplitude, log.phase], axis=1)[:-1], driver.sent)
     assert not log.amplitude[-1].any()
     assert np.isnan(log.pose).any() and np.isfinite(log.pose).any()  # dropouts
 
-    again = ReplayDriver(log)
-    settings = log.settings
-    loop = ControlLoop(again, settings["task"], "pose", **settings["environment"])
-    replayed = loop.run(CYCLES, seed=settings["seed"], options=settings["options"])
-    assert replayed.cycles == outcome.cycles and replayed.reason == outcome.reason
+    again, known = ReplayDriver(log), log.settings
+    loop = ControlLoop(again, known["task"], "pose", **known["environment"])
+    replayed = loop.run(CYCLES, seed=known["seed"], options=known["options"])
+    assert (replayed.cycles, replayed.missed, replayed.reason) == (outcome.cycles, outcome.missed, outcome.reason)
     assert np.nanmax(again.difference) == 0.0 and np.isfinite(again.difference).sum() == outcome.cycles
 
     other = ReplayDriver(log)
-    outcome = ControlLoop(other, "Align", "local_field", actuators=PROTOTYPE, sensor=SENSOR).run(
-        100, seed=7, beyond=True
-    )
-    assert outcome.reason == "end of the recording" and outcome.cycles == len(log)
+    loop = ControlLoop(other, "Align", "local_field", actuators=PROTOTYPE, sensor=SENSOR)
+    assert loop.run(100, seed=7, beyond=True).reason == "end of the recording"
     assert np.nanmax(other.difference) > 1e-5
 
 
@@ -275,3 +253,26 @@ def test_a_simulated_camera_sends_its_images():
     assert measurement.taken == pytest.approx(driver.now() - 0.04)
     with pytest.raises(ValueError, match="camera"):
         SimulatedDriver("Align", images=True)
+
+
+@pytest.mark.full
+def test_the_record_of_a_driver_identifies_its_machine(tmp_path):
+    surface, block = Surface(), Part.rectangle(0.05, 0.035, friction=0.52, height=0.02)
+    machine = {"kind": "prototype", "gain": 0.9, "latency": 1, "dead_zone": 0.0}
+    driver = SimulatedDriver("Align", seed=1, parts=[block], actuators=machine, sensor={"kind": "pose", "delay": 0})
+    nominal = {"surface": {}, "actuators": "prototype", "parts": [block.to_dict()]}
+    recorder = Recorder(tmp_path / "run.npz", nominal, (surface.rows, surface.columns), 1)
+    excitation = Excitation(surface, [block], seed=0)
+    for _ in range(900):
+        measured = driver.receive()
+        amplitude, phase = excitation.command(np.array(measured.pose))
+        driver.send(amplitude, phase)
+        recorder.add(driver.now(), amplitude, phase, measured.pose, measured.taken)
+    path = recorder.save()
+    assert path is not None
+    nominal_block = Part.rectangle(0.05, 0.035, friction=0.6, height=0.02)
+    found = fit(Log.load(path), surface, [nominal_block])
+    assert found.values["latency"] == 1
+    assert found.values["friction"] == pytest.approx(0.52, rel=0.02)
+    assert found.values["gain"] == pytest.approx(0.9, rel=0.02)
+    assert found.values["horizontal_amplitude"] == pytest.approx(surface.horizontal_amplitude, rel=0.01)

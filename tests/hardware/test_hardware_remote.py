@@ -28,6 +28,7 @@ from vibgym.hardware.wire import (
     unpack_measurement,
 )
 
+HELLO = {"rows": 8, "columns": 32, "parts": 1, "step_time": 0.04}
 SETTINGS = {"actuators": PROTOTYPE, "sensor": SENSOR}
 
 
@@ -44,6 +45,29 @@ def served(serve):
     return listener.getsockname()[1], thread
 
 
+def message(kind, payload=b"", magic=MAGIC, version=VERSION):
+    return HEADER.pack(magic, version, kind, len(payload)) + payload
+
+
+@contextlib.contextmanager
+def connected(*answers, hello=None, **settings):
+    """Yield a driver whose machine greets it, sends these bytes, and reads until the driver closes the connection."""
+
+    def serve(connection):
+        connection.sendall(message(Kind.HELLO, json.dumps(HELLO).encode()) if hello is None else hello)
+        with contextlib.suppress(OSError):
+            for answer in answers:
+                connection.sendall(answer)
+            while connection.recv(4096):
+                pass
+
+    port, thread = served(serve)
+    driver = SocketDriver("127.0.0.1", port, **{"timeout": 60.0, **settings})
+    yield driver
+    driver.close()
+    thread.join(60.0)
+
+
 def test_a_machine_over_a_socket_gives_the_same_commands_as_in_this_process():
     near = Faulty(action="velocity", **SETTINGS)
     expected = ControlLoop(near, "Align", "pose", action="velocity", **SETTINGS).run(30, seed=5, beyond=True)
@@ -51,7 +75,7 @@ def test_a_machine_over_a_socket_gives_the_same_commands_as_in_this_process():
     machine.surface, machine.parts, machine.step_time = machine.inner.surface, 1, 0.04
     port, thread = served(lambda each: ended.append(Session(machine, Channel(each, "the loop"), clock=None).run()))
     driver = SocketDriver("127.0.0.1", port, timeout=60.0)
-    assert driver.machine == {"rows": 8, "columns": 32, "parts": 1, "step_time": 0.04}
+    assert driver.machine == HELLO
     outcome = ControlLoop(driver, "Align", "pose", action="velocity", **SETTINGS).run(30, seed=5, beyond=True)
     driver.close()
     thread.join(60.0)
@@ -85,128 +109,65 @@ def test_a_killed_machine_stops_the_control_loop(tmp_path):
 
 
 def test_a_machine_that_is_silent_stops_the_control_loop():
-    wait = threading.Event()
-    port, thread = served(lambda connection: (greet(connection), wait.wait(60.0)))
-    outcome = ControlLoop(SocketDriver("127.0.0.1", port, timeout=0.05), "Align", "pose", action="velocity").run(9)
-    wait.set()
-    thread.join(60.0)
+    with connected(timeout=0.05) as driver:
+        outcome = ControlLoop(driver, "Align", "pose", action="velocity").run(9)
     assert outcome.cycles == 0 and outcome.reason.endswith("has sent nothing for 0.05 s")
 
 
-def drained(connection):
-    """Read until the other side closes the connection."""
-    with contextlib.suppress(ConnectionError):
-        while connection.recv(4096):
-            pass
-
-
-HELLO = {"rows": 8, "columns": 32, "parts": 1, "step_time": 0.04}
-
-
-def message(kind, payload=b"", magic=MAGIC, version=VERSION):
-    return HEADER.pack(magic, version, kind, len(payload)) + payload
-
-
-def greet(connection, hello=None):
-    connection.sendall(message(Kind.HELLO, json.dumps(HELLO).encode()) if hello is None else hello)
-
-
-@pytest.mark.parametrize(
-    ("hello", "reason"),
-    [
-        (message(Kind.HELLO, b"{}", version=2), "has version 2 of the protocol, this side has version 1"),
-        (b"HTTP/1.1 400 Bad Request\r\n", "does not speak this protocol"),
-        (message(Kind.HELLO, b"{}"), "has not sent its rows, columns, parts and step_time"),
-        (message(Kind.POSES, b"[1]"), "has not sent its rows, columns, parts and step_time"),
-        (message(99), "kind 99"),
-        (HEADER.pack(MAGIC, VERSION, Kind.HELLO, 2**31), "2147483648 bytes"),
-    ],
-)
+@pytest.mark.parametrize(("hello", "reason"), [
+    (message(Kind.HELLO, b"{}", version=2), "has version 2 of the protocol, this side has version 1"),
+    (b"HTTP/1.1 400 Bad Request\r\n", "does not speak this protocol"), (message(99), "kind 99"),
+    (message(Kind.HELLO, b"{}"), "has not sent its rows, columns, parts and step_time"),
+    (message(Kind.POSES, b"[1]"), "has not sent its rows, columns, parts and step_time"),
+    (HEADER.pack(MAGIC, VERSION, Kind.HELLO, 2**31), "2147483648 bytes"),
+])  # fmt: skip
 def test_another_protocol_or_version_is_one_clear_error(hello, reason):
-    port, thread = served(lambda connection: (greet(connection, hello), drained(connection)))
-    with pytest.raises(MachineError, match=re.escape(reason)) as error:
-        SocketDriver("127.0.0.1", port, timeout=60.0)
+    with pytest.raises(MachineError, match=re.escape(reason)) as error, connected(hello=hello):
+        pass
     assert "\n" not in str(error.value)
-    thread.join(60.0)
 
 
-@pytest.mark.parametrize(
-    ("answer", "reason"),
-    [
-        (message(Kind.POSES, floats(np.zeros(4))), "POSES has a payload of 32 bytes"),
-        (message(Kind.POSES, b"123"), "POSES has a payload of 3 bytes"),
-        (message(Kind.IMAGE, struct.pack("<ddII", 0.0, 0.0, 4, 5) + b"123"), "IMAGE has a payload of 27 bytes"),
-        (message(Kind.COMMAND), "COMMAND instead of a measurement"),
-        (message(Kind.FAULT, b"too\nhot"), "too hot"),
-        (message(Kind.FAULT, b"\x1b[2Jhot\x07\x00"), r"\x1b[2Jhot\x07\x00"),
-    ],
-)
+@pytest.mark.parametrize(("answer", "reason"), [
+    (message(Kind.POSES, floats(np.zeros(4))), "POSES has a payload of 32 bytes"),
+    (message(Kind.POSES, b"123"), "POSES has a payload of 3 bytes"),
+    (message(Kind.IMAGE, struct.pack("<ddII", 0.0, 0.0, 4, 5) + b"123"), "IMAGE has a payload of 27 bytes"),
+    (message(Kind.COMMAND), "COMMAND instead of a measurement"), (message(Kind.FAULT, b"too\nhot"), "too hot"),
+    (message(Kind.FAULT, b"\x1b[2Jhot\x07\x00"), r"\x1b[2Jhot\x07\x00"),
+])  # fmt: skip
 def test_bad_messages_stop_the_control_loop(answer, reason):
-    port, thread = served(lambda connection: (greet(connection), connection.sendall(answer), drained(connection)))
-    driver = SocketDriver("127.0.0.1", port, timeout=60.0)
-    outcome = ControlLoop(driver, "Align", "pose", action="velocity").run(9)
-    driver.close()
+    with connected(answer) as driver:
+        outcome = ControlLoop(driver, "Align", "pose", action="velocity").run(9)
     assert reason in outcome.reason and outcome.reason.isprintable()
-    thread.join(60.0)
 
 
 def test_of_several_measurements_the_last_one_counts():
-    ready = threading.Event()
-
-    def serve(connection):
-        greet(connection)
-        for k in range(5):
-            kind, payload = pack_measurement(0.04 * k, PoseMeasurement(np.full((1, 3), float(k)), 0.04 * k))
-            connection.sendall(message(kind, payload))
-        ready.set()
-        drained(connection)
-
-    port, _ = served(serve)
-    driver = SocketDriver("127.0.0.1", port, timeout=60.0)
-    assert ready.wait(60.0)
-    found = driver.receive()
-    while driver.now() < 0.15:  # a slow loopback may deliver the last ones later
-        found = driver.receive()
-    assert driver.now() == found.taken == 0.16 and found.pose.tolist() == [[4.0, 4.0, 4.0]]
-    driver.close()
+    measurements = [PoseMeasurement(np.full((1, 3), float(k)), 0.04 * k) for k in range(5)]
+    sent = b"".join(message(*pack_measurement(measurement.taken, measurement)) for measurement in measurements)
+    with connected(sent) as driver:
+        received = driver.receive()
+        while driver.now() < 0.15:  # a slow loopback may deliver the last ones later
+            received = driver.receive()
+        assert driver.now() == received.taken == 0.16 and received.pose.tolist() == [[4.0, 4.0, 4.0]]
 
 
-@pytest.mark.parametrize(
-    ("changes", "reason"),
-    [
-        ({"rows": 4, "columns": 4}, "driver.machine['rows'] must be 8, that of the environment, got 4"),
-        ({"columns": 31}, "driver.machine['columns'] must be 32"),
-        ({"parts": 3}, "driver.machine['parts'] must be 1"),
-        ({"step_time": 0.02}, "driver.machine['step_time'] must be 0.04, that of the environment, got 0.02"),
-        ({"step_time": float("nan")}, "driver.machine['step_time'] must be 0.04"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "reason"), [
+    ({"rows": 4, "columns": 4}, "driver.machine['rows'] must be 8, that of the environment, got 4"),
+    ({"columns": 31}, "driver.machine['columns'] must be 32"), ({"parts": 3}, "driver.machine['parts'] must be 1"),
+    ({"step_time": 0.02}, "driver.machine['step_time'] must be 0.04, that of the environment, got 0.02"),
+    ({"step_time": float("nan")}, "driver.machine['step_time'] must be 0.04"),
+])  # fmt: skip
 def test_a_machine_that_differs_from_the_environment_is_refused(changes, reason):
     hello = message(Kind.HELLO, json.dumps({**HELLO, **changes}).encode())
-    port, thread = served(lambda connection: (greet(connection, hello), drained(connection)))
-    driver = SocketDriver("127.0.0.1", port, timeout=60.0)
-    with pytest.raises(ValueError, match=re.escape(reason)):
+    with connected(hello=hello) as driver, pytest.raises(ValueError, match=re.escape(reason)):
         ControlLoop(driver, "Align", "pose", action="velocity")
-    driver.close()
-    thread.join(60.0)
 
 
 def test_a_machine_that_sends_faster_than_can_be_read_stops_the_control_loop():
     block = 500 * message(*pack_measurement(0.04, PoseMeasurement(np.zeros((1, 3)), 0.04)))
-
-    def serve(connection):
-        greet(connection)
-        with contextlib.suppress(OSError):
-            for _ in range(2000):  # then it closes the connection
-                connection.sendall(block)
-
-    port, thread = served(serve)
-    driver = SocketDriver("127.0.0.1", port, timeout=60.0, clock=iter(np.arange(0.0, 1e6, 0.1)).__next__)
-    with pytest.raises(MachineError, match=r"faster than they can be read: \d+ in 0\.5 s, and more are waiting"):
-        for _ in range(10_000):  # the thread may be late with some blocks
-            driver.receive()
-    driver.close()
-    thread.join(60.0)
+    with connected(*[block] * 2000, clock=iter(np.arange(0.0, 1e6, 0.1)).__next__) as driver:
+        with pytest.raises(MachineError, match=r"faster than they can be read: \d+ in 0\.5 s, and more are waiting"):
+            for _ in range(10_000):  # the thread may be late with some blocks
+                driver.receive()
 
 
 def test_measurements_pass_unchanged():
@@ -216,9 +177,8 @@ def test_measurements_pass_unchanged():
     for given in (PoseMeasurement(pose, 1.0 / 3.0), PoseMeasurement(None, 0.1, image)):
         now, found = unpack_measurement(Message(*pack_measurement(2.0 / 3.0, given)), 3)
         assert (now, found.taken) == (2.0 / 3.0, given.taken)
-        np.testing.assert_array_equal(
-            found.pose if found.image is None else found.image, pose if given.image is None else image
-        )
+        sent = "pose" if given.image is None else "image"
+        np.testing.assert_array_equal(getattr(found, sent), getattr(given, sent))
 
 
 class Clock:
@@ -280,28 +240,23 @@ def test_a_machine_at_rest_waits_for_commands_without_end():
     assert clock.time == pytest.approx(50 * 0.04, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    ("bad", "reason"),
-    [
-        (command(1e-2), "amplitude must be numbers in [0, 0.0003975"),
-        (command(1e-4, (8, 31)), "a COMMAND for 8 x 32 elements has 3968 bytes"),
-        (message(Kind.POSES), "the loop has sent POSES instead of a command"),
-        (message(Kind.STOP, version=7), "the loop has version 7 of the protocol"),
-        (command(1e-4)[:-1], "the loop has sent nothing for 0.16 s"),
-    ],
-)
+@pytest.mark.parametrize(("bad", "reason"), [
+    (command(1e-2), "amplitude must be numbers in [0, 0.0003975"),
+    (command(1e-4, (8, 31)), "a COMMAND for 8 x 32 elements has 3968 bytes"),
+    (message(Kind.POSES), "the loop has sent POSES instead of a command"),
+    (message(Kind.STOP, version=7), "the loop has version 7 of the protocol"),
+    (command(1e-4)[:-1], "the loop has sent nothing for 0.16 s"),
+])  # fmt: skip
 def test_a_bad_message_stops_the_machine(bad, reason):
     machine, _, found, _ = session(command(1e-4), bad)
     assert reason in found and not machine.env.core.action.amplitude.any()
 
 
 def test_commands_of_another_machine_are_refused():
-    port, thread = served(lambda connection: (greet(connection), drained(connection)))
-    driver = SocketDriver("127.0.0.1", port, timeout=60.0)
-    with pytest.raises(MachineError, match="8 x 32 elements"):
+    with connected() as driver, pytest.raises(MachineError, match="8 x 32 elements"):
         driver.send(np.zeros((8, 31)), np.zeros((8, 31)))
-    driver.close()
-    thread.join(60.0)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
     with pytest.raises(MachineError, match="no connection"):
         SocketDriver("127.0.0.1", port, timeout=60.0)
 

@@ -94,12 +94,17 @@ def test_correlations_are_those_of_a_covariance(fitted):
     np.testing.assert_allclose(np.diag(matrix), 1.0)
 
 
-def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
+def prepared(log, segments):
+    """Return a fit, its solver, first estimates and the parts' starts."""
     job = Fit(log, NOMINAL, (PART,), print)
-    job.use_segments(12)
-    solver = job.solver
-    parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
-    starts = starts_of(solver.plant.segments, parameters, job.surface)
+    job.use_segments(segments)
+    plant = job.solver.plant
+    parameters = first_estimates(log, plant.segments, job.surface, job.kinds, job.sheet)[0]
+    return job, job.solver, parameters, starts_of(plant.segments, parameters, job.surface)
+
+
+def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
+    job, solver, parameters, starts = prepared(log, 12)
     now = Estimate(parameters, starts, np.array([3e-4, 4e-3]), job.prior(parameters))
     which = [3, 7, 20, 31]
     system = solver.linearize(which, now, True)
@@ -136,21 +141,15 @@ def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
 
 
 def test_common_gain_and_phase_can_be_exchanged_with_those_of_the_elements(log):
-    job = Fit(log, NOMINAL, (PART,), print)
-    job.use_segments(40)
-    solver = job.solver
-    parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
-    starts = starts_of(solver.plant.segments, parameters, job.surface)
+    job, solver, parameters, starts = prepared(log, 40)
     each = solver.plant.differentiate([3], parameters, starts, elements=True)[0]
     own = each.elements.sum(axis=2)
     np.testing.assert_allclose(each.shared[..., job.names.index("gain")], parameters.gain * own[..., 0])
     np.testing.assert_allclose(each.shared[..., job.names.index("phase")], own[..., 1])
     direct = solver.plant.differentiate([3], parameters, starts)[0]
     for name in ("gain", "phase"):
-        k = job.names.index(name)
-        np.testing.assert_allclose(
-            each.shared[..., k], direct.shared[..., k], atol=0.05 * np.abs(direct.shared[..., k]).max()
-        )
+        one, other = (found.shared[..., job.names.index(name)] for found in (each, direct))
+        np.testing.assert_allclose(one, other, atol=0.05 * np.abs(other).max())
 
 
 @pytest.mark.full
@@ -218,9 +217,8 @@ def test_environments_load_the_settings_file(fitted):
 
 @pytest.mark.full
 def test_command_writes_page_and_settings(log, tmp_path, capsys, monkeypatch, fitted):
-    monkeypatch.setattr(
-        "vibgym.identification.command.fit", lambda log, report, force: fitted
-    )  # fitted above, from the same recording
+    # Fitted above, from the same recording.
+    monkeypatch.setattr("vibgym.identification.command.fit", lambda log, report, force: fitted)
     log.save(tmp_path / "log.npz")
     assert main(["identify", str(tmp_path / "log.npz"), "--quiet"]) == 0
     assert "friction" in capsys.readouterr().out
@@ -295,34 +293,22 @@ def test_a_fit_that_leaves_the_range_of_the_model_names_units_and_axes(log):
         fit(seen(log, lambda x, y, h: (x, y, -h)))
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda log: (log, Surface(), None), "commands for 5 x 8 elements"),
-        (lambda log: (log, replace(NOMINAL, element_size=0.03), None), "0.026 m"),
-        (lambda log: (log, replace(NOMINAL, max_amplitude=1e-4), None), "amplitude"),
-        (lambda log: (log, None, [PART, PART]), "parts must be"),
-        (lambda log: (log, replace(NOMINAL, frequency=15.0), None), "log.time"),
-        (lambda log: (some(log, slice(0, 100)), None, None), "record longer"),
-        (lambda log: (some(log, slice(None), amplitude=0.0 * log.amplitude), None, None), "too little excitation"),
-        (lambda log: (some(log, slice(None), pose=math.nan * log.pose), None, None), "stretches"),
-        (
-            lambda log: (seen(log, lambda x, y, h: (1e3 * x, 1e3 * y, h)), None, None),
-            "log.pose must be in m, on the table of",
-        ),
-        (
-            lambda log: (seen(log, lambda x, y, h: (x - 0.104, y - 0.065, h)), None, None),
-            "on the table of 0.208 x 0.13 m",
-        ),
-        (lambda log: (seen(log, lambda x, y, h: (x, y, np.degrees(h))), None, None), "headings in rad"),
-        (
-            lambda log: (some(log, slice(None), phase=np.degrees(log.phase)), None, None),
-            "log.phase must be in [-2 pi, 2 pi]",
-        ),
-        (lambda log: (seen(log, lambda x, y, h: (x, 0.13 - y, -h)), None, None), "if y is mirrored"),
-        (lambda log: (seen(log, lambda x, y, h: (0.208 - x, y, np.pi - h)), None, None), "if x is mirrored"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda log: (log, Surface(), None), "commands for 5 x 8 elements"),
+    (lambda log: (log, replace(NOMINAL, element_size=0.03), None), "0.026 m"),
+    (lambda log: (log, replace(NOMINAL, max_amplitude=1e-4), None), "amplitude"),
+    (lambda log: (log, None, [PART, PART]), "parts must be"),
+    (lambda log: (log, replace(NOMINAL, frequency=15.0), None), "log.time"),
+    (lambda log: (some(log, slice(0, 100)), None, None), "record longer"),
+    (lambda log: (some(log, slice(None), amplitude=0.0 * log.amplitude), None, None), "too little excitation"),
+    (lambda log: (some(log, slice(None), pose=math.nan * log.pose), None, None), "stretches"),
+    (lambda log: (seen(log, lambda x, y, h: (1e3 * x, 1e3 * y, h)), None, None), "log.pose must be in m, on the table of"),
+    (lambda log: (seen(log, lambda x, y, h: (x - 0.104, y - 0.065, h)), None, None), "on the table of 0.208 x 0.13 m"),
+    (lambda log: (seen(log, lambda x, y, h: (x, y, np.degrees(h))), None, None), "headings in rad"),
+    (lambda log: (some(log, slice(None), phase=np.degrees(log.phase)), None, None), "log.phase must be in [-2 pi, 2 pi]"),
+    (lambda log: (seen(log, lambda x, y, h: (x, 0.13 - y, -h)), None, None), "if y is mirrored"),
+    (lambda log: (seen(log, lambda x, y, h: (0.208 - x, y, np.pi - h)), None, None), "if x is mirrored"),
+])  # fmt: skip
 def test_unsuitable_recordings_are_refused(log, change, message):
     recorded, surface, parts = change(log)
     with pytest.raises(ValueError) as error:

@@ -99,14 +99,9 @@ print(json.dumps(found))
 def ran(tmp_path_factory):
     """Return what the experiments report and collect."""
     directory = tmp_path_factory.mktemp("benchmarl")
-    done = subprocess.run(
-        ["timeout", "600", HOME / "bin/python", "-W", "ignore", "-c", RUN, ROOT / "docs/learners/benchmarl.md"],
-        cwd=directory,
-        input=str(directory / "collected.npz"),
-        env={**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-    )
+    command = ["timeout", "600", HOME / "bin/python", "-W", "ignore", "-c", RUN, ROOT / "docs/learners/benchmarl.md"]
+    env, output = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}, str(directory / "collected.npz")
+    done = subprocess.run(command, cwd=directory, input=output, env=env, capture_output=True, text=True)
     assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
     with np.load(directory / "collected.npz") as columns:
         return json.loads(done.stdout.splitlines()[-1]), dict(columns)
@@ -121,9 +116,10 @@ def test_algorithms_of_continuous_actions_learn_within_the_bounds(ran, name):
     assert collected[name].shape == (4, 16, 2, 3) and np.abs(collected[name]).max() <= 1.0
 
 
-def test_parts_share_their_weights_unless_this_is_switched_off(ran):
+def test_parts_share_weights_unless_this_is_switched_off_and_the_end(ran):
     found, _ = ran
     assert found["Mappo"]["same"] and not found["own"]["same"]
+    assert found["done"] == [[4, 16, 2, 1], [4, 16, 1]]  # the end of a world is that of all its parts
 
 
 def test_the_seed_of_the_experiment_is_that_of_the_worlds(ran):
@@ -133,10 +129,6 @@ def test_the_seed_of_the_experiment_is_that_of_the_worlds(ran):
         env = gym.make_vec("vibgym/Swap-v0", num_envs=4, action="velocity", observation="parts", **PAIR)
         np.testing.assert_array_equal(collected[key][:, 0], env.reset(seed=seed)[0]["parts"])
     assert not np.array_equal(collected["first"], collected["other"])
-
-
-def test_the_end_of_a_world_is_that_of_all_its_parts(ran):
-    assert ran[0]["done"] == [[4, 16, 2, 1], [4, 16, 1]]
 
 
 def test_absent_parts_are_samples_without_reward(ran):

@@ -1,5 +1,6 @@
 """Helpers of the tests of policies."""
 
+import dataclasses
 import math
 from typing import Any, NamedTuple
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from tests.envs.helpers import single
 from vibgym import Surface
+from vibgym.policies.classical.measured import Measured
 from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
@@ -16,6 +18,10 @@ POSE_TASKS = ("Transport", "Align", "Rotate")
 ARRANGED_TASKS = ("Sort", "SortThreeKinds", "Singulate")
 FRESH = 7_000_000  # first of the seeds that neither training nor reports use
 HARDWARE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
+TILTING = {
+    "model": "tilting",
+    "randomize": {"patches": [0.75, 1.25], "disturbance": {"rate": 0.25, "tilt_deg": 3.0}},
+}
 
 SURFACE = Surface()
 STEEL, ALUMINIUM = part_from("steel_block"), part_from("aluminium_block")
@@ -25,6 +31,26 @@ DISC = part_from({"shape": "disc", "radius": 0.020, "friction": 0.6})
 def info_of(name: str = "Align", **settings: Any) -> TaskInfo:
     """Return the task info of an environment."""
     return TaskInfo.of(single(name, **{"action": "field", **settings}))
+
+
+def measurement(info: TaskInfo, worlds: int = 1, **values: Any) -> Measured:
+    """Return a measurement of present, straight parts at rest at their goals, with other values of some fields.
+
+    Args:
+        values: arrays that broadcast to (worlds, parts) and the shape of a part's value.
+    """
+    shape = (worlds, len(info.parts))
+    rest = Measured.of(np.zeros((worlds, info.layout.size)), info)
+    rest = dataclasses.replace(
+        rest, present=np.ones(shape, dtype=bool), heading=np.zeros(shape), displacement=np.zeros((*shape, 2)),
+        gap=np.full(shape, math.inf),
+    )  # fmt: skip
+    other = {}
+    for name, value in values.items():
+        default = getattr(rest, name)
+        wide = np.broadcast_to(np.asarray(value, dtype=default.dtype), (*shape, *default.shape[2:]))
+        other[name] = wide.copy()
+    return dataclasses.replace(rest, **other)
 
 
 class Outcome(NamedTuple):

@@ -17,11 +17,9 @@ from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.classical.steering import LocalFieldPolicy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
-from vibgym.policies.task_info import POLICIES
+from vibgym.policies.task_info import POLICIES, TaskInfo
 from vibgym.settings import BaseSettings
 from vibgym.tasks import TASKS
-
-NAMES = ("zero", "random", "open_loop", "local_field", "planner")
 
 
 class Mine:
@@ -40,16 +38,11 @@ def test_policies_are_made_from_names_mappings_and_objects():
     info = info_of()
     mine = Mine(info)
     assert make_policy(mine, info) is mine
-    for name in NAMES:
-        named, mapped = make_policy(name, info), make_policy({"kind": name}, info)
-        assert type(named) is type(mapped) and hasattr(named, "predict")
-        assert named.action in ("element", "phasor", "patch", "field") and named.observation == "state"
-    tuned = make_policy({"kind": "local_field", "response": 0.1, "braking": 0.5, "approach": 3.0}, info)
-    assert isinstance(tuned, LocalFieldPolicy) and tuned.law.response.tolist() == [0.1]
-    assert (tuned.law.braking, tuned.law.approach) == (0.5, 3.0)
-    settings = {"kind": "local_field", "response": 0.1}
-    make_policy(settings, info)
-    assert settings == {"kind": "local_field", "response": 0.1}
+    assert type(make_policy("planner", info)) is type(make_policy({"kind": "planner"}, info)) is PlannerPolicy
+    settings = {"kind": "local_field", "response": 0.1, "braking": 0.5, "approach": 3.0}
+    law = make_policy(settings, info).law
+    assert (law.response.tolist(), law.braking, law.approach) == ([0.1], 0.5, 3.0)
+    assert settings == {"kind": "local_field", "response": 0.1, "braking": 0.5, "approach": 3.0}
 
 
 def test_custom_controllers_have_a_name(monkeypatch):
@@ -61,8 +54,9 @@ def test_custom_controllers_have_a_name(monkeypatch):
     assert make_policy({"kind": "mine", "seed": 3}, info, seed=7).seed == 3
     with pytest.raises(ValueError, match="policy 'mine'.*colour"):
         make_policy({"kind": "mine", "colour": 1}, info)
-    with pytest.raises(ValueError, match="policy name"):
-        POLICIES.register("planner", Mine)
+    for name in ("planner", "mine", "pose"):
+        with pytest.raises(ValueError, match="policy name"):
+            POLICIES.register(name, Mine)
 
 
 @pytest.mark.parametrize("faulty", ["__init__", "predict"])
@@ -96,6 +90,7 @@ def test_a_type_error_of_a_task_is_shown_as_such(monkeypatch):
 
 @pytest.mark.parametrize("policy, named", [
     ("magic", "policy.kind"), (3, "policy"), ({}, "policy.kind"), ({"kind": "local_field", "law": "loudest"}, "law"),
+    ({"kind": "local_field", "law": "planner"}, "law"),
     ({"kind": "local_field", "law": {"kind": "local", "response": 0.1}, "response": 0.1}, "response.*twice"),
     ("nowhere/policy.json", "nowhere/policy.json"), (pathlib.Path("nowhere/policy.json"), "nowhere/policy.json"),
     ({"kind": "trained", "path": "nowhere/{task}.json"}, "nowhere/align.json"),
@@ -114,16 +109,13 @@ def test_the_file_of_a_trained_policy_may_be_a_path():
     assert (actions[0] == actions[1]).all() and (actions[0] == actions[2]).all()
 
 
-# -- environments ------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("task, laws", [("Align", LocalFieldPolicy), ("Sort", PlannerPolicy)])
-def test_environments_and_task_info_give_the_same_policy(task, laws):
+@pytest.mark.parametrize("task, steered", [("Align", LocalFieldPolicy), ("Sort", PlannerPolicy)])
+def test_environments_and_task_info_give_the_same_policy(task, steered):
     one = gym.make(f"vibgym/{task}-v0", action="phasor")
     many = gym.make_vec(f"vibgym/{task}-v0", num_envs=2, action="phasor")
     for env in (one, one.unwrapped, many, info_of(task)):
         policy = vibgym.make_policy("pose", env)
-        assert type(policy) is laws and policy.action == "phasor"
+        assert type(policy) is steered and policy.action == "phasor"
 
 
 @pytest.mark.parametrize("env", [None, 3, "vibgym/Align-v0", gym.make("CartPole-v1")])
@@ -132,13 +124,12 @@ def test_other_environments_are_refused(env):
         make_policy("zero", env)
 
 
-@pytest.mark.parametrize("action, action_name", [("phasor", "phasor"), ("wrench", "wrench"), ("element", "element")])
-@pytest.mark.parametrize("policy", ["pose", {"kind": "local_field", "law": "lqr"}])
-def test_controllers_use_the_action_of_the_environment(policy, action, action_name):
+@pytest.mark.parametrize("action", ["phasor", "wrench", "velocity", "element"])
+def test_controllers_use_the_action_of_the_environment(action):
     env = gym.make("vibgym/Align-v0", action=action)
-    made = make_policy(policy, env)
-    action, _ = made.predict(env.reset(seed=0)[0])
-    assert made.action == action_name and action.shape == env.action_space.shape
+    policy = make_policy({"kind": "local_field", "law": "lqr"}, env)
+    command, _ = policy.predict(env.reset(seed=0)[0])
+    assert policy.action == action and command.shape == env.action_space.shape
 
 
 def test_phasors_are_converted_to_element_actions():
@@ -154,9 +145,6 @@ def test_phasors_are_converted_to_element_actions():
     assert vectors == pytest.approx(phasors.reshape(-1, 2), abs=1e-6)
     assert reported.predict(np.stack([seen, seen]))[0].shape == (2, 512)
     assert episodes(reported, "Align", 10).success == 10
-
-
-# -- custom controllers -------------------------------------------------------------------------------------------------
 
 
 class Proportional(Law):
@@ -182,18 +170,11 @@ def custom_law(monkeypatch):
 def test_a_registered_law_is_a_controller(custom_law):
     alone, several = make_policy("mine", info_of("Align")), make_policy("mine", info_of("Sort"))
     assert (type(alone), type(several)) == (LocalFieldPolicy, PlannerPolicy) and "mine" in POLICIES
-    assert make_policy({"kind": "mine", "damping": 20.0}, info_of("Align")).law.settings.damping == 20.0
-    assert (
-        make_policy({"kind": "planner", "law": "mine", "damping": 20.0}, info_of("Sort")).law.settings.damping == 20.0
-    )
+    for name, policy in (("Align", {"kind": "mine"}), ("Sort", {"kind": "planner", "law": "mine"})):
+        assert make_policy({**policy, "damping": 20.0}, info_of(name)).law.settings.damping == 20.0
     assert several.lead == pytest.approx(0.2) and several.slack == 0.0  # 12 / 60
     assert episodes(alone, "Align", 20).success == 20
     assert episodes(several, "Sort", 6).success == 6
-    for name in ("planner", "mine", "pose"):
-        with pytest.raises(ValueError, match="policy name"):
-            POLICIES.register(name, Proportional)
-    with pytest.raises(ValueError, match="unknown law 'planner'"):
-        make_policy({"kind": "local_field", "law": "planner"}, info_of("Align"))
 
 
 @pytest.mark.parametrize("name", ["local", "pose", "lqr"])
@@ -208,8 +189,6 @@ def test_a_law_without_braking_requires_a_lead(custom_law):
     with pytest.raises(ValueError, match=r"Proportional\.lead"):
         make_policy({"kind": "mine", "damping": 0.0}, info_of("Sort"))
 
-
-# -- the extra ---------------------------------------------------------------------------------------------------------
 
 WITHOUT = """
 import sys
@@ -236,3 +215,27 @@ def test_only_policies_that_need_the_extra_require_it():
         f"policy '{name}' needs {module}, which is not installed: pip install 'vibgym[policies]'"
         for name, module in needed
     ]
+
+
+def test_worlds_with_drawn_shapes_have_policies_for_their_parts():
+    """As if each world had a policy of its own, also where an episode has drawn another shape."""
+    law, worlds, changes = {"kind": "pose", "action": "wrench"}, 20, 0
+    env = gym.make_vec("vibgym/AlignShapes-v0", num_envs=worlds, action="wrench", autoreset_mode="Disabled")
+    policy, kinds, info = make_policy(law, env), env.unwrapped.core.kinds, TaskInfo.of(env)
+    seen, _ = env.reset(seed=1)
+    state, start, alone, memories = None, np.ones(worlds, dtype=bool), {}, [None] * worlds
+    for step in range(8):
+        action, state = policy.predict(seen, state, start)
+        for world, (kind,) in enumerate(kinds.kind):
+            if kind not in alone:
+                alone[kind] = make_policy(law, info.with_parts([kinds.every[kind]]))
+            memory = None if start[world] else memories[world]
+            expected, memories[world] = alone[kind].predict(seen[world], memory)
+            assert (action[world] == expected).all()
+        seen, shapes = env.step(action)[0], kinds.kind.copy()
+        start = np.arange(worlds) % 3 == step % 3
+        seen[start] = env.reset(options={"reset_mask": start})[0][start]
+        changes += (kinds.kind != shapes).sum()
+    assert changes > 20
+    with pytest.raises(ValueError, match="batch of 3"):
+        policy.predict(seen[:3])

@@ -36,7 +36,7 @@ def plate(seed):
     return meshes
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_stable_poses_of_plates_with_vertices_on_edges(tmp_path, seed):
     """Those without these vertices; and from no side do fewer random directions hit than the pose on it is probable."""
     poses = []

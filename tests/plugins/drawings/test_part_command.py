@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from tests.commands import said_in_one_line
+from tests.plugins.drawings.helpers import saved
 from vibgym.__main__ import main
 from vibgym.policies.applicable import parts_with, tasks_with
 
@@ -52,13 +53,10 @@ def test_the_pushed_part_is_replaced_or_the_first_kind():
 
 def drawn(folder, *entities):
     """Save a drawing in mm of entities: kinds and arguments."""
-    ezdxf = pytest.importorskip("ezdxf")
-    document = ezdxf.new(units=4)
+    document = pytest.importorskip("ezdxf").new(units=4)
     for kind, *arguments in entities:
         getattr(document.modelspace(), f"add_{kind}")(*arguments)
-    path = folder / "drawing.dxf"
-    document.saveas(path)
-    return path
+    return saved(document, folder / "drawing.dxf")
 
 
 def test_a_small_disc_on_another_surface(capsys, tmp_path):
@@ -93,10 +91,8 @@ def test_choice_and_faults(capsys, tmp_path):
     picture = tmp_path / "faults.png"
     assert main(["part", str(path), "--picture", str(picture)]) == 2
     printed = capsys.readouterr()
-    assert [line.partition(":")[0] for line in printed.out.splitlines()] == [
-        *(f"fault {k}" for k in range(4)),
-        "picture",
-    ]
+    begins = [line.partition(":")[0] for line in printed.out.splitlines()]
+    assert begins == ["fault 0", "fault 1", "fault 2", "fault 3", "picture"]
     assert len(printed.err.splitlines()) == 1 and "and 3 other faults" in printed.err
     marks = np.abs(pygame.surfarray.array3d(pygame.image.load(picture)).astype(int) - [196, 90, 36]).max(axis=2) < 10
     assert marks[:300].any() and marks[400:600].any() and marks[800:].any() and not marks[300:400].any()

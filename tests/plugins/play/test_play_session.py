@@ -38,30 +38,19 @@ def refused(answers):
     return [answer["text"] for answer in answers if answer["kind"] == "refused"]
 
 
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        ("hello", "message"),
-        ("{}", "do"),
-        ('{"do": "fly", "n": 1}', "do"),
-        ('{"do": "pace", "n": 1, "speed": 100}', "speed"),
-        ('{"do": "pace", "n": 0, "speed": 1}', "n"),
-        ('{"do": "aim", "n": 1, "part": 0, "pose": [1, 2, NaN]}', "pose.2"),
-        ('{"do": "aim", "n": 1, "part": 7, "pose": [0.1, 0.1, 0]}', "part"),
-        ('{"do": "aim", "n": 1, "part": 0, "pose": [9, 0.1, 0]}', "pose"),
-        ('{"do": "paint", "n": 1, "elements": [[0, 0]], "phasor": [3, 0]}', "phasor.0"),
-        ('{"do": "paint", "n": 1, "elements": [[0, 99]], "phasor": [1, 0]}', "columns 0 to 31"),
-        ('{"do": "switch", "n": 1, "hardware": "gold"}', "hardware"),
-        ('{"do": "switch", "n": 1, "policy": "magic"}', "policy"),
-        ('{"do": "open", "n": 1, "id": "Nothing"}', "id"),
-        ('{"do": "open", "n": 1, "start": "abc"}', "start"),
-        ('{"do": "carry", "n": 1, "part": 0, "pose": [0.1, 0.1, 0]}', "part"),
-        ('{"do": "undo", "n": 1}', "undo"),
-        ('{"do": "record", "n": 1, "what": "gif"}', "record"),
-        ('{"do": "reset", "n": 1, "colour": "red"}', "colour"),
-        ('{"do": "carry", "n": 1, "part": 0}', "pose"),
-    ],
-)
+@pytest.mark.parametrize(("text", "named"), [
+    ("hello", "message"), ("{}", "do"), ('{"do": "fly", "n": 1}', "do"), ('{"do": "undo", "n": 1}', "undo"),
+    ('{"do": "pace", "n": 1, "speed": 100}', "speed"), ('{"do": "pace", "n": 0, "speed": 1}', "n"),
+    ('{"do": "aim", "n": 1, "part": 0, "pose": [1, 2, NaN]}', "pose.2"),
+    ('{"do": "aim", "n": 1, "part": 7, "pose": [0.1, 0.1, 0]}', "part"),
+    ('{"do": "aim", "n": 1, "part": 0, "pose": [9, 0.1, 0]}', "pose"),
+    ('{"do": "paint", "n": 1, "elements": [[0, 0]], "phasor": [3, 0]}', "phasor.0"),
+    ('{"do": "paint", "n": 1, "elements": [[0, 99]], "phasor": [1, 0]}', "columns 0 to 31"),
+    ('{"do": "switch", "n": 1, "hardware": "gold"}', "hardware"), ('{"do": "switch", "n": 1, "policy": "magic"}', "policy"),
+    ('{"do": "open", "n": 1, "id": "Nothing"}', "id"), ('{"do": "open", "n": 1, "start": "abc"}', "start"),
+    ('{"do": "carry", "n": 1, "part": 0, "pose": [0.1, 0.1, 0]}', "part"), ('{"do": "carry", "n": 1, "part": 0}', "pose"),
+    ('{"do": "record", "n": 1, "what": "gif"}', "record"), ('{"do": "reset", "n": 1, "colour": "red"}', "colour"),
+])  # fmt: skip
 def test_bad_messages_are_one_clear_line_and_change_nothing(align, text, named):
     session = align.session
     before = session.world.get_state()["env"]
@@ -74,11 +63,10 @@ def test_bad_messages_are_one_clear_line_and_change_nothing(align, text, named):
     session.step()
 
 
-@given(
-    st.text()
-    | st.binary()
-    | st.recursive(st.none() | st.floats() | st.text(), lambda x: st.dictionaries(st.text(), x)).map(json.dumps)
-)
+TREES = st.recursive(st.none() | st.floats() | st.text(), lambda inner: st.dictionaries(st.text(), inner))
+
+
+@given(st.text() | st.binary() | TREES.map(json.dumps))
 def test_any_text_is_a_message_or_refused(text):
     try:
         parsed(text)
@@ -107,10 +95,9 @@ def test_undo_takes_back_step_by_step(align):
     align("switch", hardware="prototype")
     align("open", id="Sort")
     assert len(align.pose) == 6
-    align("undo")
-    assert align.session.world.settings.hardware == "prototype"
-    align("undo")
-    assert align.session.world.settings.hardware == "ideal"
+    for hardware in ("prototype", "ideal"):
+        align("undo")
+        assert align.session.world.settings.hardware == hardware
     align("undo")
     assert np.isnan(align.session.world.paint).all()
     align("undo")
@@ -149,22 +136,23 @@ def test_an_altered_start_is_refused(data):
 CODE = starts.code_of(Session(settings_of("Align"), None).world)
 
 
-def test_recordings_hold_what_was_seen_and_done(align, tmp_path, monkeypatch):
-    align("record", what="begin")
-    align("steps", count=20)
-    align("paint", elements=[[0, 0]], phasor=[1, 0])
-    align("steps", count=10)
-    kept = next(each for each in align("record", what="gif") if each["kind"] == "kept")
+def recorded(page, what):
+    """Record steps, a stroke and more steps; return the answer."""
+    page("record", what="begin")
+    page("steps", count=20)
+    page("paint", elements=[[0, 0]], phasor=[1, 0])
+    page("steps", count=10)
+    return next(answer for answer in page("record", what=what) if answer["kind"] == "kept")
+
+
+def test_recordings_hold_what_was_seen_and_done(align, monkeypatch):
+    kept = recorded(align, "gif")
     path = align.session.kept[kept["link"].removeprefix("kept/")]
     with Image.open(path) as film:
         lasts = [film.seek(k) or film.info["duration"] for k in range(film.n_frames)]
         assert sum(lasts) == 16 * 80, "pictures that are the same are kept once"
     align("switch", policy="zero")
-    align("record", what="begin")
-    align("steps", count=20)
-    align("paint", elements=[[0, 1]], phasor=[1, 0])
-    align("steps", count=10)
-    kept = next(each for each in align("record", what="minari") if each["kind"] == "kept")
+    kept = recorded(align, "minari")
     name = kept["text"].rpartition("data set ")[2].rstrip(")")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(align.session.output))
     import minari
@@ -178,7 +166,7 @@ def test_recordings_hold_what_was_seen_and_done(align, tmp_path, monkeypatch):
     assert episodes[-1].observations.shape == (11, *env.observation_space.shape)
 
 
-def test_a_recorded_episode_is_reproduced_by_the_environment(align, tmp_path, monkeypatch):
+def test_a_recorded_episode_is_reproduced_by_the_environment(align):
     """The actions of a recording, played in the environment that it names, give its rewards."""
     align("reset", seed=4)
     align("record", what="begin")

@@ -5,7 +5,7 @@ import pytest
 
 from studies.benchmarks.following import PATHS
 from studies.benchmarks.following import follow as followed
-from tests.envs.helpers import batch, single
+from tests.envs.helpers import batch
 from tests.policies.helpers import HARDWARE, info_of
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.registry import make_policy
@@ -38,27 +38,22 @@ def rms(errors):
 
 
 @pytest.mark.parametrize("policy, path, worlds, environment, most", [
-    ({"kind": "local_field", "law": "pose"}, CORNER, 3, {}, 0.2e-3),
+    ("pose", PATHS["circle"], 2, {}, 0.3e-3), ("pose", PATHS["square"], 2, {}, 0.3e-3),
+    ("pose", PATHS["three parts"], 2, {}, 0.3e-3), ("pose", PATHS["three parts side by side"], 2, {}, 0.3e-3),
+    ("pose", TURNING, 3, {}, 0.2e-3),
+    ("pose", CORNER, 3, {}, 0.2e-3), ("pose", SIDE_BY_SIDE, 3, {}, 0.2e-3),
     ({"kind": "local_field", "law": "local"}, CORNER, 3, {}, 0.3e-3),
     ({"kind": "local_field", "law": "lqr"}, CORNER, 3, {}, 0.4e-3),
     ({"kind": "local_field", "law": "pid"}, CORNER, 3, {}, 1.5e-3),
-    ("pose", SIDE_BY_SIDE, 3, {}, 0.2e-3),
     ("pose", CORNER, 2, {"periods_per_step": 3}, 1.5e-3),
     ("pose", CORNER, 2, {"actuators": {**ALIKE, "latency": 1}, "sensor": EXACT}, 0.6e-3),
     ("pose", CORNER, 2, {"actuators": {**ALIKE, "latency": 3}, "sensor": EXACT}, 0.6e-3),
 ])  # fmt: skip
 def test_errors_at_half_the_top_speed(policy, path, worlds, environment, most):
     """The goal at the instant at which the command begins to act counts: a period of latency at 0.15 m/s is 6 mm."""
-    assert 1e-6 < rms(follow(policy, path, worlds, **environment)).max() < most
-
-
-@pytest.mark.parametrize("path, worlds, most", [
-    (PATHS["circle"], 2, 0.3e-3), (PATHS["square"], 2, 0.3e-3), (PATHS["three parts"], 2, 0.3e-3),
-    (PATHS["three parts side by side"], 2, 0.3e-3), (TURNING, 3, 0.2e-3),
-])  # fmt: skip
-def test_headings_are_kept_at_half_the_top_speed(path, worlds, most):
-    errors = follow("pose", path, worlds)
-    assert rms(errors).max() < most and np.nanmax(np.abs(errors[..., 2])) < np.radians(0.5)
+    errors = follow(policy, path, worlds, **environment)
+    assert 1e-6 < rms(errors).max() < most
+    assert policy != "pose" or environment or np.nanmax(np.abs(errors[..., 2])) < np.radians(0.5)
 
 
 def test_on_the_prototype():
@@ -70,21 +65,6 @@ def test_on_the_prototype():
 def test_drawn_paths_are_followed():
     found = rollout("pose", "Follow", seeds=range(5, 25))
     assert found.success.all() and 0.0 < found.path_error.max() < 0.3e-3
-
-
-@pytest.mark.parametrize("task, name", [("Follow", "pose"), ("Align", "local_field"), ("Sort", "planner")])
-def test_single_worlds_equal_the_batch(task, name):
-    """Bit for bit: near a dead zone a rounding error may change the choice of elements."""
-    many, one = batch(task, 3, action="phasor", **HARDWARE), single(task, action="phasor", **HARDWARE)
-    policy = make_policy(name, TaskInfo.of(one))
-    seen, _ = many.reset(seed=[4, 5, 6])
-    alone, _ = one.reset(seed=5)
-    state = state_alone = None
-    for _ in range(25):
-        action, state = policy.predict(seen, state)
-        by_itself, state_alone = policy.predict(alone, state_alone)
-        assert action[1].tobytes() == by_itself.tobytes()
-        seen, alone = many.step(action)[0], one.step(by_itself)[0]
 
 
 def played(policy, steps, **settings):

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import batch, single
-from tests.policies.helpers import ARRANGED_TASKS, POSE_TASKS, info_of
-from vibgym.policies.classical.law import Settling
+from tests.policies.helpers import ARRANGED_TASKS, DISC, POSE_TASKS, info_of, measurement
 from vibgym.policies.classical.measured import Measured, Preview, from_goals, recall, wrap
 from vibgym.policies.classical.steering import Steering
 from vibgym.policies.registry import make_policy
@@ -53,9 +52,7 @@ def test_decoded_observations_are_the_true_state(task, settings):
             assert (measured.gap == math.inf).all()
         assert not measured.single
         one = Measured.of(rows[2], info)
-        assert one.single and all(
-            (getattr(one, name) == getattr(measured, name)[2:3]).all() for name in ("centre", "gap")
-        )
+        assert one.single and (one.centre == measured.centre[2:3]).all() and (one.gap == measured.gap[2:3]).all()
 
 
 @pytest.mark.parametrize("task, names, size, shapes", [
@@ -133,20 +130,7 @@ def test_memories_of_others_are_refused(state):
         recall(state, None, Two(np.zeros((2, 3)), np.zeros(2)), 2)
 
 
-@pytest.mark.parametrize("name, task", [("open_loop", "Align"), ("planner", "Sort")])
-def test_controllers_start_from_their_initial_memory(name, task):
-    policy, env = make_policy(name, info_of(task)), batch(task, 3, action="phasor")
-    seen, _ = env.reset(seed=0)
-    initial = policy.initial(3)
-    assert all(array.shape[0] == 3 for array in initial if isinstance(array, np.ndarray))
-    without, state = policy.predict(seen)
-    given, again = policy.predict(seen, initial, np.ones(3, dtype=bool))
-    assert type(state) is type(again) is type(initial)
-    assert (without == given).all() and repr(state) == repr(again)
-
-
 T = 0.04
-DISC = {"shape": "disc", "radius": 0.020, "friction": 0.6}
 STEADY = np.array([[0.1, -0.05, 0.3], [0.0, 0.0, 0.0]]), np.array([[0.4, 0.2, -1.0], [0.0, -0.3, 2.0]])
 
 
@@ -157,13 +141,8 @@ def motion(start, rate, time):
 
 def seen(info, start, rate, displacement=0.0):
     """Return the measurement of two parts whose goals have these velocities and accelerations."""
-    rest = Measured.of(np.zeros((1, info.layout.size)), info)
     ahead = np.stack([motion(start, rate, T * k)[0] for k in range(1, PREVIEW + 1)], axis=-2)
-    shape = (1, len(start), 2)
-    return dataclasses.replace(
-        rest, present=np.ones(shape[:2], dtype=bool), displacement=np.full(shape, displacement), goal_velocity=start[None],
-        goal_ahead=ahead[None],
-    )  # fmt: skip
+    return measurement(info, displacement=displacement, goal_velocity=start, goal_ahead=ahead)
 
 
 def two(lead=0, periods=1, parts=("steel_block", "aluminium_block")):
@@ -225,17 +204,6 @@ def test_predictions_for_the_middle_of_a_long_step():
     assert then.centre == pytest.approx(measured.centre + 0.06 * 0.02)
     assert then.displacement[0] == pytest.approx(0.01 + 0.06 * (STEADY[0][:, :2] - 0.02))
     assert then.heading_error[0] == pytest.approx(0.06 * STEADY[0][:, 2])
-
-
-def test_parts_do_not_rest_if_their_goals_move():
-    info = info_of("Follow", actuators="prototype")
-    settling = Settling(info, 0.25e-3, math.radians(0.3))
-    rest, wanted = Measured.of(np.zeros(info.layout.size), info), np.ones((1, 1, 3))
-    none = np.zeros((1, 1, 2)), np.zeros((1, 1))
-    assert np.isnan(settling(rest, *none, wanted)).all()
-    for name in ("goal_velocity", "goal_acceleration"):
-        moving = dataclasses.replace(rest, **{name: np.array([[[0.0, 1e-3, 0.0]]])})
-        assert (settling(moving, *none, wanted) == wanted).all()
 
 
 @pytest.mark.parametrize("sensor, latency, lead", [

@@ -1,15 +1,14 @@
-"""The planner: its targets, its motions, and what it achieves."""
+"""The planner: its targets, its motions, and distances; and patterns drawn apart for two phases."""
 
 import itertools
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tests.policies.helpers import ALUMINIUM, DISC, STEEL, SURFACE, info_of
+from tests.policies.helpers import ALUMINIUM, DISC, STEEL, SURFACE, info_of, measurement
+from tests.tasks.helpers import made
 from vibgym import Part
-from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.motion_choice import (
     FIRST_AISLE,
     FIRST_ASIDE,
@@ -26,30 +25,26 @@ from vibgym.policies.classical.motion_choice import (
     with_price_beside,
 )
 from vibgym.policies.classical.planner import PlannerPolicy, Targets, assign, places
-from vibgym.policies.classical.two_phases import TwoPhasesPolicy
+from vibgym.policies.classical.two_phases import EDGE, drawn_apart
 from vibgym.scene.hulls import gaps_between, hulls_of
+from vibgym.tasks import Pattern
 from vibgym.tasks.assignment import exchange_goals
 
 RULE = math.sqrt(2) * 0.026
-KINDS = {"steel_block": STEEL, "aluminium_block": ALUMINIUM, "disc": DISC}
 
 
 def planner(name="Sort"):
     return PlannerPolicy(info_of(name))
 
 
-def block(name, x, y, heading=0.0, velocity=(0.0, 0.0), kind=0):
-    """Return the features of the state observation that the planner reads, for one block."""
+def block(x, y, velocity=(0.0, 0.0), kind=0):
+    """Return the features of the state observation that the planner reads, for one straight block."""
     values = np.zeros(20)
-    values[0] = values[1 + kind] = 1.0
-    values[6:8] = np.cos(2 * heading), np.sin(2 * heading)
+    values[0] = values[1 + kind] = values[6] = 1.0
     values[8:10] = 2 * x / SURFACE.width - 1, 2 * y / SURFACE.depth - 1
     values[14:16] = np.array(velocity) / SURFACE.table_speed
     values[17] = 1.0
     return values
-
-
-# -- targets -----------------------------------------------------------------------------------------------------------
 
 
 def test_assignment_is_the_best_of_all():
@@ -77,10 +72,8 @@ def test_swaps_shorten_distances_within_a_kind_only():
     assert (again == target[:1]).all()
 
 
-@pytest.mark.parametrize(
-    "name, room", [("Sort", RULE), ("SortThreeKinds", RULE), ("SortTwelve", RULE), ("Singulate", RULE)]
-)
-def test_targets_keep_the_spacing_rule(name, room):
+@pytest.mark.parametrize("name", ["Sort", "SortThreeKinds", "SortTwelve", "Singulate"])
+def test_targets_keep_the_spacing_rule(name):
     """Aligned parts at their targets satisfy the spacing rule."""
     known = info_of(name)
     targets = Targets(known, 0.026, 0.02)
@@ -89,7 +82,7 @@ def test_targets_keep_the_spacing_rule(name, room):
     for _ in range(10):
         centre = generator.random((parts, 2)) * [0.83, 0.2]
         target = targets.give(centre, present)
-        assert gaps_between(known.parts, np.c_[target, np.zeros(parts)][None]).min() > room
+        assert gaps_between(known.parts, np.c_[target, np.zeros(parts)][None]).min() > RULE
         assert (target >= 0.026 - 1e-9).all() and (target <= np.array([0.832, 0.208]) - 0.026 + 1e-9).all()
         if known.zones is not None:
             zone = known.zones[list(known.kind)]
@@ -109,9 +102,6 @@ def test_a_tight_lattice_has_room_for_all():
         assert len(found) >= least and (found >= low - 1e-9).all() and (found <= high + 1e-9).all()
     line = places(np.array([0.03, 0.1]), np.array([0.2, 0.1]), np.array([0.05, 0.04]), RULE, 5)
     assert len(line) >= 5 and (line[:, 1] == pytest.approx(0.1)) and len(np.unique(line[:, 0])) == len(line)
-
-
-# -- motions -----------------------------------------------------------------------------------------------------------
 
 
 def all_paths(here, velocity=(0.0, 0.0), target=(0.7, 0.1)):
@@ -145,7 +135,7 @@ def test_motions_agree_with_their_names():
 
 def test_all_motions_together_equal_each_alone():
     wants, generator = planner().preferences, np.random.default_rng(3)
-    for _ in range(50):
+    for _ in range(10):
         here, target = generator.random((2, 2)) * [0.8, 0.2]
         velocity = generator.normal(size=2) * 0.15
         found = all_paths(here, velocity, target)
@@ -164,10 +154,7 @@ def test_least_cost_is_a_lower_bound():
     rank, above = np.arange(parts), 0
     for _ in range(300):
         centre = generator.random((1, parts, 2)) * [0.15, 0.1] + [0.3, 0.05]
-        seen = SimpleNamespace(
-            present=np.ones((1, parts), dtype=bool), centre=centre, velocity=np.zeros((1, parts, 2)),
-            heading=generator.uniform(-3.0, 3.0, (1, parts)),
-        )  # fmt: skip
+        seen = measurement(policy.info, centre=centre, heading=generator.uniform(-3.0, 3.0, (1, parts)))
         scene = policy.scene(seen, centre, np.full((1, parts, parts), np.inf), np.zeros((1, parts)))
         paths = np.ascontiguousarray(np.repeat(centre[0][:, :, None], INSTANTS, axis=2))
         beside = (policy.preferences, scene, 0, 0, 1, rank, paths[1], paths[0])
@@ -202,9 +189,6 @@ def test_distances_are_bounded_from_below():
     assert distance_at_least(hulls, 0, 1, straight, 0.0, 0.0) < 0
 
 
-# -- keeping apart -----------------------------------------------------------------------------------------------------
-
-
 def simulate(policy, blocks, seconds, targets=None):
     """Simulate points that follow the planner's set velocities with the lag of a part.
 
@@ -224,7 +208,7 @@ def simulate(policy, blocks, seconds, targets=None):
     for _ in range(round(seconds / 0.04)):
         seen = np.zeros((6, 20))
         for k, (x, y) in enumerate(place):
-            seen[k] = block("", x, y, velocity=velocity[k], kind=blocks[k][2])
+            seen[k] = block(x, y, velocity[k], blocks[k][2])
         _, state = policy.predict(seen.ravel(), state)
         target = state.own.target[0, : len(place)]
         change = requested[-1][: len(place)] - velocity
@@ -255,8 +239,7 @@ def test_the_spacing_rule_is_limited_by_the_goals():
     policy = planner("Pack")
     room = np.full((1, 12, 12), np.inf)
     room[0, 0, 1] = room[0, 1, 0] = 0.002
-    rows = np.zeros((12, policy.info.layout.block))
-    seen = Measured.of(rows.ravel(), policy.info)
+    seen = measurement(policy.info)
     there, away = seen.centre, seen.centre + [0.3, 0.0]
     at_goals, on_the_way = (policy.scene(seen, target, room, np.zeros((1, 12))) for target in (there, away))
     assert at_goals.spacing[0, 0, 1] == pytest.approx(0.002) and at_goals.safe[0, 0, 1] == pytest.approx(0.001)
@@ -278,9 +261,8 @@ def test_leaving_parts_have_separate_targets():
     target, zone = targets.leaving(centre), known.zones[list(known.kind)]
     right = (centre[..., 1] > zone[:, 1]) & (centre[..., 1] < zone[:, 3])
     assert right.any() and not right.all()
-    assert (target[..., 0] == np.where(right, zone[:, 2], target[..., 0])).all() and (target[..., 0] < zone[:, 0])[
-        ~right
-    ].all()
+    assert (target[..., 0] == np.where(right, zone[:, 2], target[..., 0])).all()
+    assert (target[..., 0] < zone[:, 0])[~right].all()
     assert (target[..., 1] > zone[:, 1]).all() and (target[..., 1] < zone[:, 3]).all()
     policy = PlannerPolicy(known)
     displacement = np.array([[0.1, 0.3, 0.2]])
@@ -288,28 +270,49 @@ def test_leaving_parts_have_separate_targets():
     assert np.argsort(planner().right_of_way(displacement))[0].tolist() == [1, 2, 0]
 
 
-def test_goals_too_close_together_are_logged(caplog):
-    for name, settings, reported in (
-        ("Pack", {}, True), ("Pack", {"parts": ["steel_block"] * 4, "task_settings": {"gap_mm": 37, "rows": 2}}, False),
-        ("Sort", {}, False), ("Swap", {}, False),
-    ):  # fmt: skip
-        caplog.clear()
-        PlannerPolicy(info_of(name, **settings))
-        assert any("mm apart" in each and "two_phases" in each for each in caplog.messages) == reported, name
-    TwoPhasesPolicy(info_of("Pack"))
-    assert not any("mm apart" in each for each in caplog.messages)
-
-
-# -- what it achieves --------------------------------------------------------------------------------------------------
-
-
 def test_waiting_is_counted_in_time():
     """A blocked part waits for the same time with any step length."""
     waited = []
     for periods in (1, 4):
         policy = PlannerPolicy(info_of("Sort", periods_per_step=periods))
-        seen, state = np.concatenate([block("", 0.4, 0.1), np.zeros(100)]), None
+        seen, state = np.concatenate([block(0.4, 0.1), np.zeros(100)]), None
         for _ in range(24 // periods):
             _, state = policy.predict(seen, state)
         waited.append(state.own.waited[0, 0])
     assert waited == pytest.approx([0.96, 0.96], abs=0.1)  # in its first steps it appears to start moving
+
+
+@pytest.mark.parametrize("name, reported", [("Pack", True), ("Sort", False), ("Swap", False)])
+def test_goals_too_close_together_are_logged(name, reported, caplog):
+    planner(name)
+    assert any("two_phases" in text for text in caplog.messages) == reported
+
+
+@pytest.mark.parametrize(
+    "parts", [[ALUMINIUM] * 12, [ALUMINIUM] * 20, [STEEL, ALUMINIUM] * 4], ids=["12", "20", "two kinds"]
+)
+@pytest.mark.parametrize("settings", [{}, {"heading_deg": 8, "rows": 2}, {"gap_mm": 20, "rows": 2}])
+def test_patterns_are_expanded_on_the_table(parts, settings):
+    """Expanded patterns fit, keep the distance or use the width, and paths to the goals do not cross."""
+    pattern = made(Pattern, SURFACE, parts, **settings)
+    of = [parts[int(np.flatnonzero(pattern._kind == kind)[0])] for kind in pattern.of_kind]
+    for uniform in np.random.default_rng(0).random((10, 2)):
+        goal = pattern.draw(uniform[None])[0]
+        place = drawn_apart(SURFACE, of, goal[:, :2], goal[:, 2], 0.036)
+        away = gaps_between(of, np.c_[place, goal[:, 2]][None])[0].min()
+        assert away > (0.0359 if not (len(parts) == 20 or "heading_deg" in settings) else 0.02)
+        assert (place > 0.0175 + EDGE - 1e-9).all()
+        assert (place < np.array([SURFACE.width, SURFACE.depth]) - 0.0175).all()
+        least = gaps_between(of, goal[None])[0].min()
+        displacement = np.linspace(0.0, 1.0, 40)[:, None, None]
+        poses = np.concatenate(
+            [goal[:, :2] + displacement * (place - goal[:, :2]), np.tile(goal[:, 2:], (40, 1, 1))], axis=-1
+        )
+        assert gaps_between(of, poses).min() > least - 1e-9
+
+
+def test_a_pattern_that_fills_the_width_is_slanted():
+    goal = made(Pattern, SURFACE, [ALUMINIUM] * 12, heading_deg=90, place_mm=[416, 104]).draw(np.zeros((1, 0)))[0]
+    place = drawn_apart(SURFACE, [ALUMINIUM] * 12, goal[:, :2], goal[:, 2], 0.036)
+    assert gaps_between([ALUMINIUM] * 12, np.c_[place, goal[:, 2]][None])[0].min() > 0.01
+    assert drawn_apart(SURFACE, [ALUMINIUM], goal[:1, :2], goal[:1, 2], 0.036) == pytest.approx(goal[:1, :2])

@@ -45,18 +45,12 @@ def even_curve(braking, top=14.0):
 
 
 @pytest.mark.parametrize("part", [ALUMINIUM, STEEL, DISC])
-def test_deceleration_is_constant_near_rest(part):
+@pytest.mark.parametrize("turning, speed", [(False, 0.02), (True, 0.5)])
+def test_deceleration_is_constant_near_rest(part, turning, speed):
     """Compare with v^2 / (2 a), a = mu g / 2 times the push, over the radius of gyration for rotations."""
-    push, radius = 0.8, math.sqrt(part.gyration)
-    rate = push * 0.5 * part.friction * SURFACE.full_scale
-    slow, slow_turn = curve_for(part, push, 0.02, False), curve_for(part, push, 0.5, True)
-    assert slow.displacement[-1, 0] == pytest.approx(
-        0.02**2 / (2.0 * rate), rel=0.06
-    )  # friction helps: 0.07 m/s^2 at half of that
-    assert slow_turn.displacement[-1, 0] == pytest.approx(0.5**2 / (2.0 * rate / radius), rel=0.06)
-    assert slow.displacement[-1, 0] < 0.02**2 / (2.0 * rate) and slow_turn.displacement[-1, 0] < 0.5**2 / (
-        2.0 * rate / radius
-    )
+    rate = 0.8 * 0.5 * part.friction * SURFACE.full_scale / (math.sqrt(part.gyration) if turning else 1.0)
+    without_friction = speed**2 / (2.0 * rate)  # which helps: 0.07 m/s^2 at half of the speed
+    assert 0.94 * without_friction < curve_for(part, 0.8, speed, turning).displacement[-1, 0] < without_friction
 
 
 @pytest.mark.parametrize("turning, top", [(False, 0.3), (True, 14.0)])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import batch
+from tests.policies.helpers import measurement
 from vibgym.policies.classical.lanes import Crowd, FeedingPolicy, Rules, choose_velocities, time_to_meet
-from vibgym.policies.classical.measured import Measured
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.hulls import hulls_of
@@ -17,18 +17,8 @@ def info():
     return TaskInfo.of(batch("Feed", 1, parts=["steel_block", "aluminium_block"] * 2))
 
 
-def seen(centre, present=None, velocity=0.0):
-    """Return a measurement of straight parts at rest, (parts, 2) m."""
-    centre = np.array(centre, dtype=float)[None]
-    alone = np.zeros(centre.shape[:2])
-    there = np.ones_like(alone, dtype=bool) if present is None else np.array([present])
-    moving = np.zeros_like(centre)
-    moving[..., 0] = velocity
-    return Measured(
-        present=there, centre=centre, heading=alone, displacement=0.0 * centre, heading_error=alone,
-        velocity=moving, spin=alone,
-        gap=alone + 1.0, single=False,
-    )  # fmt: skip
+def at(info, centre, **values):
+    return measurement(info, centre=centre, gap=1.0, **values)
 
 
 def test_settings_of_patterns_are_refused_at_gates(info):
@@ -39,7 +29,7 @@ def test_settings_of_patterns_are_refused_at_gates(info):
 
 def test_single_parts_move_along_their_lanes_at_full_speed(info):
     policy = FeedingPolicy(info)
-    velocity = policy.velocity(seen([[0.2, 0.052], [0.3, 0.156], [0.6, 0.156], [0.1, 0.104]]))[0]
+    velocity = policy.velocity(at(info, [[0.2, 0.052], [0.3, 0.156], [0.6, 0.156], [0.1, 0.104]]))[0]
     assert velocity[[0, 1]] == pytest.approx(np.array([[policy.top, 0.0]] * 2))
     assert velocity[2, 1] < 0.0 < velocity[2, 0] and velocity[3, 1] > 0.0  # to their half
     assert np.hypot(*velocity.T) == pytest.approx(policy.top)
@@ -49,7 +39,7 @@ def test_following_parts_keep_their_distance_and_absent_ones_are_ignored(info):
     policy, absent = FeedingPolicy(info), [-0.8, -0.2]
     there = [True, False, True, False]
     near, far = (
-        policy.velocity(seen([[0.7, 0.052], absent, [0.7 - apart, 0.052], absent], there))[0, [0, 2], 0]
+        policy.velocity(at(info, [[0.7, 0.052], absent, [0.7 - apart, 0.052], absent], present=there))[0, [0, 2], 0]
         for apart in (0.080, 0.140)
     )
     assert near[0] == far[0] == policy.top and near[1] == 0.0 and 0.0 < far[1] <= policy.top
@@ -58,7 +48,9 @@ def test_following_parts_keep_their_distance_and_absent_ones_are_ignored(info):
 def test_parts_in_touch_leave_the_inlet_together(info):
     policy, absent, there = FeedingPolicy(info), [-0.8, -0.2], [True, False, True, False]
     inlet, later = (
-        policy.velocity(seen([[x + 0.050, 0.052], absent, [x, 0.052], absent], there, velocity=0.1))[0, 2, 0]
+        policy.velocity(at(info, [[x + 0.050, 0.052], absent, [x, 0.052], absent], present=there, velocity=[0.1, 0.0]))[
+            0, 2, 0
+        ]
         for x in (0.10, 0.40)
     )
     assert inlet == pytest.approx(policy.top) and later < 0.1
@@ -66,7 +58,7 @@ def test_parts_in_touch_leave_the_inlet_together(info):
 
 def test_lane_changes_avoid_other_parts(info):
     policy = FeedingPolicy(info)
-    beside = policy.velocity(seen([[0.2, 0.110], [0.21, 0.068], [0.6, 0.052], [0.7, 0.156]]))[0]
+    beside = policy.velocity(at(info, [[0.2, 0.110], [0.21, 0.068], [0.6, 0.052], [0.7, 0.156]]))[0]
     assert beside[0, 1] > -0.02  # its lane is below, where another one is just ahead of it
 
 
@@ -79,7 +71,7 @@ def test_good_parts_per_minute(task, settings, least):
     policy = make_policy({"kind": "lanes", "action": "wrench"}, env)
     state, info = None, {}
     observation, _ = env.reset(seed=20)
-    for _ in range(1500):
+    for _ in range(1000):
         action, state = policy.predict(observation, state, None)
         observation, _, _, _, info = env.step(action)
     faulty = sum(info[f"{name}_per_minute"] for name in ("tilted", "close", "wrong", "lost"))

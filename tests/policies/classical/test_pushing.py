@@ -5,9 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.envs.helpers import single
-from vibgym.policies import TaskInfo
-from vibgym.policies.classical.measured import Measured
+from tests.policies.helpers import info_of, measurement
 from vibgym.policies.classical.pushing import BARRED, Outline, PushingPolicy, choose_pairs
 from vibgym.registration import TEE
 from vibgym.scene.parts import Part, part_from
@@ -15,8 +13,8 @@ from vibgym.scene.parts import Part, part_from
 RADIUS = 0.02
 
 
-def rule(task="PushAny", **settings):
-    return PushingPolicy(TaskInfo.of(single(task)), PushingPolicy.Settings(**settings))
+def rule(**settings):
+    return PushingPolicy(info_of("PushAny"), PushingPolicy.Settings(**settings))
 
 
 def test_a_disc_is_pushed_along_its_radius_and_never_turned():
@@ -148,25 +146,9 @@ def test_one_disc_pushes_before_the_other_is_there_if_that_helps():
     same = (again == chosen).all(axis=1) & (push[:, 0] > 0.0)
     assert same.sum() > 50
 
-    centre, displacement, heading_error = (
-        np.tile(middle, (worlds, 3, 1)),
-        np.zeros((worlds, 3, 2)),
-        np.zeros((worlds, 3)),
-    )
-    centre[:, policy.pushers] += at
-    displacement[:, policy.pushed], heading_error[:, policy.pushed] = motion[:, :2], motion[:, 2]
-    still = np.zeros((worlds, 3))
-    measured = Measured(
-        np.ones((worlds, 3), dtype=bool),
-        centre,
-        still,
-        displacement,
-        heading_error,
-        np.zeros((worlds, 3, 2)),
-        still,
-        still + 1.0,
-        single=False,
-    )
+    measured = measurement(policy.info, worlds, centre=middle)
+    measured.centre[:, policy.pushers] += at
+    measured.displacement[:, policy.pushed], measured.heading_error[:, policy.pushed] = motion[:, :2], motion[:, 2]
     inward = outline.effect[chosen[:, 0], :2]
     pushes = (policy.velocities(measured)[:, 0] * inward).sum(axis=1) > 0.0
     effect = outline.effect[chosen[:, 0]]

@@ -1,7 +1,5 @@
 """Coding: rows by name, and the same drive for all actions of elements."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -10,9 +8,9 @@ from tests.policies.helpers import info_of
 from tests.policies.trained.helpers import coding_for
 from vibgym.envs.actions import ACTIONS, Phasor, patch_size
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.coding import Coding
 
 WORLDS = 3
+PAIR = info_of("Sort", parts=["steel_block", "aluminium_block"])
 
 
 def played(task, action, acts, **settings):
@@ -47,8 +45,7 @@ def test_elements_are_driven_the_same_by_every_name(task, settings):
 @pytest.mark.parametrize("there", [[1, 1], [1, 0], [0, 1], [0, 0]])
 def test_shared_elements_are_driven_by_the_nearest_part(places, there):
     """As with the action "patch": of equally near parts the first; elements outside of the table are omitted."""
-    info = info_of("Sort", parts=["steel_block", "aluminium_block"])
-    coding, surface, side = coding_for(info, "phasor"), info.surface, patch_size(info.surface, info.parts)
+    coding, surface, side = coding_for(PAIR, "phasor"), PAIR.surface, patch_size(PAIR.surface, PAIR.parts)
     acts = np.random.default_rng(1).uniform(-0.7, 0.7, (2, side, side, 2)).astype(np.float32)
     centre = np.array(places) / surface.element_size
     first = np.floor(centre + 0.5 - 0.5 * side).astype(int)
@@ -65,7 +62,7 @@ def test_shared_elements_are_driven_by_the_nearest_part(places, there):
             expected[row, column] = acts[part, y, x]
         shared += len(claims) > 1
     rows = np.zeros((1, 2, coding.shape.columns), dtype=np.float32)
-    start = {row.name: row.start for row in info.parts_layout}
+    start = {row.name: row.start for row in PAIR.parts_layout}
     size = np.array([surface.columns, surface.rows])
     rows[0, :, start["position"] : start["position"] + 2] = 2.0 * centre / size - 1.0
     rows[0, :, start["element"] : start["element"] + 2] = 2.0 * (centre - np.floor(centre)) - 1.0
@@ -95,8 +92,7 @@ def test_columns_are_picked_by_name_and_one_is_a_batch_of_one():
 
 def test_rows_of_slots_without_a_part_are_not_read():
     """A scene may have more slots than parts."""
-    info = info_of("Sort", parts=["steel_block", "aluminium_block"])
-    coding, width = coding_for(info), sum(row.width for row in info.parts_layout)
+    coding, width = coding_for(PAIR), sum(row.width for row in PAIR.parts_layout)
     seen = {"parts": np.ones((5, 7, width)), "mask": np.array([[1, 0, 0, 0, 0, 0, 0]] * 5)}
     rows, mask, *_ = coding.encode(seen)
     assert rows.shape == (5, 2, width) and mask.tolist() == [[1.0, 0.0]] * 5 and mask.dtype == rows.dtype == np.float32
@@ -108,104 +104,44 @@ def test_actions_without_parts_and_elements_are_refused(monkeypatch):
 
     monkeypatch.setattr(ACTIONS, "_items", {**ACTIONS, "whole": Whole})
     info = info_of("Align")
-    with pytest.raises(ValueError, match="action"):
-        Coding(info.surface, info.parts, info.parts_layout, "whole")
-    with pytest.raises(ValueError, match="action"):
-        Coding(info.surface, info.parts, info.parts_layout, "swing")
-
-
-def remembering(task="Align", action="wrench", history: int = True, **settings):
-    info = info_of(task, **settings)
-    return coding_for(info, action, history=history), coding_for(info, action)
-
-
-@pytest.mark.parametrize("turned, action", [(False, "wrench"), (True, "wrench"), (True, "velocity"), (True, "target")])
-def test_rows_contain_the_previous_action(turned, action):
-    """Between the part's own columns and its neighbours', turned like the present row."""
-    info = info_of("Sort", parts=["steel_block", "aluminium_block"])
-    coding, plain = (coding_for(info, action, turned=turned, history=each) for each in (True, False))
-    own, size = plain.shape.own, coding.shape.action
-    assert (coding.shape.columns, coding.shape.own) == (plain.shape.columns + size, own + size) and size == 3
-    assert coding.columns == plain.columns  # the previous action is no column of the scene
-    env = batch("Sort", WORLDS, action=action, observation="parts", parts=["steel_block", "aluminium_block"])
-    random, before, observation = np.random.default_rng(0), None, env.reset(seed=4)[0]
-    previous = np.zeros((WORLDS, 2, size), dtype=np.float32)
-    for _ in range(4):
-        seen, bare = coding.encode(observation, before, np.zeros(WORLDS, bool)), plain.encode(observation)
-        assert (seen.rows[..., :own] == bare.rows[..., :own]).all()
-        assert (seen.rows[..., own + size :] == bare.rows[..., own:]).all()
-        assert (seen.rows[..., own : own + size] == coding.to_rows(bare, previous)).all()
-        actions = coding.decode(seen, random.uniform(-1, 1, previous.shape).astype(np.float32))
-        previous = actions.reshape(previous.shape)
-        observation, before = env.step(actions)[0], seen
-        assert (before.command == previous).all() and np.abs(previous).max() > 0.3
-    if turned:
-        assert coding.encode(observation, before).quarters.any()
+    for action in ("whole", "swing"):
+        with pytest.raises(ValueError, match="action"):
+            coding_for(info, action)
 
 
 @pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("history_columns", [[], ["heading", "velocity"]])
-def test_rows_contain_the_last_steps(turned, history_columns):
+@pytest.mark.parametrize("action, history, history_columns", [
+    ("wrench", True, []), ("target", 1, ["velocity"]), ("velocity", 3, []), ("velocity", 3, ["heading", "velocity"]),
+])  # fmt: skip
+def test_rows_contain_the_last_steps(turned, action, history, history_columns):
     """Action, then the columns before it, the last step first, all turned like the present row; zeros before the start."""
-    info = info_of("Sort", parts=["steel_block", "aluminium_block"])
-    coding = coding_for(info, "velocity", turned=turned, history=3, history_columns=history_columns)
-    plain, turns = coding_for(info, "velocity"), coding_for(info, "velocity", turned=True)._turns
+    coding = coding_for(PAIR, action, turned=turned, history=history, history_columns=history_columns)
+    plain, turns = coding_for(PAIR, action), coding_for(PAIR, action, turned=True)._turns
     assert turns is not None
-    at = {row.name: range(row.start, row.start + row.width) for row in info.parts_layout}
+    at = {row.name: range(row.start, row.start + row.width) for row in PAIR.parts_layout}
     chosen = [k for name in history_columns for k in at[name]]
-    own, width = plain.shape.own, 3 + len(chosen)
-    assert coding.shape.columns == plain.shape.columns + 3 * width and coding.history_columns == history_columns
-    env = batch("Sort", WORLDS, action="velocity", observation="parts", parts=["steel_block", "aluminium_block"])
+    own, width, steps = plain.shape.own, 3 + len(chosen), int(history)
+    assert coding.shape.columns == plain.shape.columns + steps * width and coding.shape.own == own + steps * width
+    assert (
+        coding.history_columns == history_columns and coding.columns == plain.columns
+    )  # actions are no columns of the scene
+    env = batch("Sort", WORLDS, action=action, observation="parts", parts=["steel_block", "aluminium_block"])
     random, before, observation, past = np.random.default_rng(0), None, env.reset(seed=4)[0], []
     for step in range(6):
         seen, raw = coding.encode(observation, before, np.zeros(WORLDS, bool)), plain.encode(observation).rows
         whole = turns.turn_rows(seen.quarters, raw) if turned else raw
         assert (seen.rows[..., :own] == whole[..., :own]).all()
-        assert (seen.rows[..., own + 3 * width :] == whole[..., own:]).all()
-        for k in range(3):
-            found = seen.rows[..., own + k * width : own + (k + 1) * width]
-            rows, action = past[-1 - k] if k < step else (np.zeros_like(raw), np.zeros_like(found[..., :3]))
+        assert (seen.rows[..., own + steps * width :] == whole[..., own:]).all()
+        for k in range(steps):
+            remembered = seen.rows[..., own + k * width : own + (k + 1) * width]
+            rows, command = past[-1 - k] if k < step else (np.zeros_like(raw), np.zeros_like(remembered[..., :3]))
             rows = turns.turn_rows(seen.quarters, rows) if turned else rows
-            assert (found[..., :3] == coding.to_rows(seen, action)).all() and (
-                found[..., 3:] == rows[..., chosen]
-            ).all()
+            assert (remembered[..., :3] == coding.to_rows(seen, command)).all()
+            assert (remembered[..., 3:] == rows[..., chosen]).all()
         actions = coding.decode(seen, random.uniform(-1, 1, (WORLDS, 2, 3)).astype(np.float32))
         past.append((raw, actions.reshape(WORLDS, 2, 3)))
         observation, before = env.step(actions)[0], seen
     assert not turned or coding.encode(observation, before).quarters.any()
-
-
-def test_one_remembered_step_is_true():
-    info = info_of("Align")
-    codings = [coding_for(info, "wrench", turned=True, history=each) for each in (True, 1)]
-    random = np.random.default_rng(0)
-    memory: list[Any] = [None, None]
-    for _ in range(3):
-        rows = random.uniform(-1, 1, (WORLDS, 1, coding_for(info).shape.columns)).astype(np.float32)
-        act = random.uniform(-1, 1, (WORLDS, 1, 3)).astype(np.float32)
-        seen = {"parts": rows, "mask": np.ones((WORLDS, 1))}
-        memory = [coding.encode(seen, each) for coding, each in zip(codings, memory, strict=True)]
-        actions = [coding.decode(each, act) for coding, each in zip(codings, memory, strict=True)]
-        assert_same(actions[1], actions[0])
-        assert_same(list(memory[1]), list(memory[0]))
-    assert memory[0].command.shape == (WORLDS, 1, 3) and [each.history for each in codings] == [1, 1]
-
-
-def test_several_steps_are_the_same_alone_and_in_a_batch():
-    info = info_of("Align")
-    coding = coding_for(info, "wrench", turned=True, history=3, history_columns=["velocity"])
-    random, memory = np.random.default_rng(0), None
-    alone: list[Any] = [None] * WORLDS
-    for step in range(5):
-        rows = random.uniform(-1, 1, (WORLDS, 1, coding_for(info).shape.columns)).astype(np.float32)
-        act, start = random.uniform(-1, 1, (WORLDS, 1, 3)).astype(np.float32), np.array([step == 3, False, False])
-        memory = coding.encode({"parts": rows, "mask": np.ones((WORLDS, 1))}, memory, start)
-        actions = coding.decode(memory, act)
-        for k in range(WORLDS):
-            seen = {"parts": rows[k], "mask": np.ones(1)}
-            alone[k] = coding.encode(seen, alone[k], start[k : k + 1])
-            assert (coding.decode(alone[k], act[k : k + 1]) == actions[k]).all()
-            assert (alone[k].rows == memory.rows[k]).all() and (alone[k].command == memory.command[k]).all()
 
 
 @pytest.mark.parametrize("settings, message", [
@@ -219,13 +155,13 @@ def test_several_steps_are_the_same_alone_and_in_a_batch():
 ])  # fmt: skip
 def test_a_memory_that_is_none_is_refused(settings, message):
     with pytest.raises(ValueError, match=message) as error:
-        coding_for(info_of("Sort", parts=["steel_block", "aluminium_block"]), "wrench", **settings)
+        coding_for(PAIR, "wrench", **settings)
     assert "\n" not in str(error.value)
 
 
 def test_touching_reads_the_same_columns_with_remembers():
-    coding, plain = remembering("Sort", parts=["steel_block", "aluminium_block"])
-    start = {row.name: row.start for row in info_of("Sort", parts=["steel_block", "aluminium_block"]).parts_layout}
+    coding, plain = coding_for(PAIR, "wrench", history=True), coding_for(PAIR, "wrench")
+    start = {row.name: row.start for row in PAIR.parts_layout}
     rows = np.ones((3, 2, plain.shape.columns), dtype=np.float32)
     rows[0, :, start["neighbour_1_gap"]], rows[1, 0, start["neighbour_1_gap"]] = 0.0, 0.01
     rows[0, 1, start["neighbour_1_there"]] = 0.0
@@ -234,22 +170,9 @@ def test_touching_reads_the_same_columns_with_remembers():
         assert each.touching(each.encode(seen)).tolist() == [[1.0, 0.0], [1.0, 0.0], [0.0, 0.0]]
 
 
-def test_the_previous_action_is_zero_at_the_start_of_an_episode():
-    coding, plain = remembering()
-    seen = {"parts": np.zeros((3, 1, plain.shape.columns)), "mask": np.ones((3, 1))}
-    columns = slice(plain.shape.own, plain.shape.own + 3)
-    first = coding.encode(seen)
-    assert (first.rows[..., columns] == 0.0).all()
-    coding.decode(first, np.full((3, 1, 3), 0.5, dtype=np.float32))
-    second = coding.encode(seen, first, np.array([False, True, False]))
-    assert second.rows[:, 0, columns].tolist() == [[0.5] * 3, [0.0] * 3, [0.5] * 3]
-    assert (first.rows[..., columns] == 0.0).all() and (second.command == 0.0).all()  # a memory is not written to
-    one = coding.encode({name: each[2] for name, each in seen.items()}, first.of(2))
-    assert (one.rows == second.rows[2:]).all()
-
-
 def test_all_steps_are_forgotten_at_the_start_of_an_episode_and_before_an_arrival():
-    coding, plain = remembering("Feed", history=3, parts=["steel_block", "aluminium_block"])
+    info = info_of("Feed", parts=["steel_block", "aluminium_block"])
+    coding, plain = coding_for(info, "wrench", history=3), coding_for(info, "wrench")
     rows, columns = np.zeros((2, 2, plain.shape.columns)), slice(plain.shape.own, plain.shape.own + 9, 3)
     before = None
     for step, (start, mask, remembered) in enumerate([
@@ -259,25 +182,19 @@ def test_all_steps_are_forgotten_at_the_start_of_an_episode_and_before_an_arriva
     ], start=1):  # fmt: skip
         # The first part of the first world starts anew in the fourth step and is absent in the fifth.
         here = np.array([[mask, 1.0], [1.0, 1.0]])
-        before = coding.encode({"parts": rows, "mask": here}, before, np.array([start, False]))
+        memory, kept = before, None if before is None else before.command.copy()
+        before = coding.encode({"parts": rows, "mask": here}, memory, np.array([start, False]))
         assert (10 * before.rows[:, 0, columns]).round().tolist() == remembered
+        assert memory is None or (memory.command == kept).all()  # it is not written to
+        alone = coding.encode({"parts": rows[:1], "mask": here[:1]}, memory and memory.of(0), np.array([start]))
+        assert (alone.rows == before.rows[:1]).all()
         coding.decode(before, np.full((2, 2, 3), 0.1 * step, dtype=np.float32))
-
-
-def test_the_previous_action_of_an_absent_part_is_zero():
-    """A slot is empty for a step, then has another part."""
-    coding, plain = remembering("Feed", parts=["steel_block", "aluminium_block"])
-    rows, columns = np.zeros((1, 2, plain.shape.columns)), slice(plain.shape.own, plain.shape.own + 3)
-    before = coding.encode({"parts": rows, "mask": np.ones((1, 2))})
-    for mask, previous in (([1.0, 0.0], [0.5, 0.5]), ([1.0, 1.0], [0.5, 0.0]), ([1.0, 1.0], [0.5, 0.5])):
-        coding.decode(before, np.full((1, 2, 3), 0.5, dtype=np.float32))
-        before = coding.encode({"parts": rows, "mask": np.array([mask])}, before, np.array([False]))
-        assert before.rows[0, :, columns].tolist() == [[each] * 3 for each in previous]
 
 
 @pytest.mark.parametrize("worlds, got", [(None, "str"), (2, r"of shape \(2, 1, 3\)"), (0, r"of shape \(0, 0, 0\)")])
 def test_another_memory_is_refused(worlds, got):
-    coding, plain = remembering()
+    info = info_of("Align")
+    coding, plain = coding_for(info, "wrench", history=True), coding_for(info, "wrench")
     seen = [{"parts": np.zeros((k, 1, plain.shape.columns)), "mask": np.ones((k, 1))} for k in (2, 3)]
     other = {None: "yesterday", 2: coding.encode(seen[0]), 0: plain.encode(seen[1])}[worlds]
     with pytest.raises(ValueError, match=r"state") as error:

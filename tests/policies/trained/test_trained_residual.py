@@ -5,21 +5,18 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from tests.envs.helpers import batch
-from tests.policies.helpers import info_of
+from tests.policies.helpers import HARDWARE, info_of
+from tests.policies.trained.helpers import actor_tensors, policy_file
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding
 from vibgym.policies.trained.residual import Base, ResidualPolicy, with_base
-from vibgym.policies.trained.storage import save_set
-from vibgym.policies.trained.trained import KIND, VERSION, described
 
-torch = pytest.importorskip("torch")
+pytest.importorskip("torch")
 
-from agents.networks import PartsActor, trained_tensors  # noqa: E402
-from agents.training_envs import ResidualEnv  # noqa: E402
+from agents.training_envs import ResidualEnv
 
 POSE, PLANNER = {"kind": "pose", "action": "wrench"}, {"kind": "planner", "law": "pose", "action": "wrench"}
-HARDWARE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
 
 
 class Constant:
@@ -164,30 +161,23 @@ def replace_observation(policy):
     return policy
 
 
-def written(path, info, layout, **record):
+def written(folder, info, layout, **record):
     """Write the file of a correction with random weights."""
     coding = Coding(info.surface, info.parts, layout, "wrench")
-    torch.manual_seed(1)
-    actor = PartsActor(coding.shape, [8], "tanh", 4, -1.0)
-    torch.nn.init.normal_(actor.mean.weight)
-    known = {
-        "tasks": [info.name], "surface": described(info.surface), "parts": len(info.parts), "columns": coding.columns,
-        "turned": False, "history": False, "action": "wrench", "network": "parts", "activation": "tanh", "training": {},
-    }  # fmt: skip
-    save_set(path, KIND, trained_tensors(actor), {**known, **record}, VERSION)
+    return policy_file(folder, info, actor_tensors(coding.shape), columns=coding.columns, action="wrench", **record)
 
 
-@pytest.mark.parametrize("task, base", [("Align", "pose"), ("Sort", {"kind": "planner", "law": "pose"})])
+@pytest.mark.parametrize("task, base", [("Align", {"kind": "pose"}), ("Sort", {"kind": "planner", "law": "pose"})])
 def test_files_hold_corrections(tmp_path, task, base):
     env = worlds(task)
     info = TaskInfo.of(env)
-    what = {"base": {"kind": base} if isinstance(base, str) else base, "scale": 0.2}
-    written(tmp_path / f"{task.lower()}.json", info, with_base(info.parts_layout), residual=what)
+    what = {"base": base, "scale": 0.2}
+    written(tmp_path, info, with_base(info.parts_layout), residual=what).rename(tmp_path / f"{task.lower()}.json")
     path = str(tmp_path / "{task}.json")
     policy = make_policy({"kind": "residual", "path": path}, info)
     seen, _ = env.reset(seed=0)
     action, _ = policy.predict(seen)
-    proposed, _ = make_policy({**what["base"], "action": "wrench"}, info).predict(seen["state"])
+    proposed, _ = make_policy({**base, "action": "wrench"}, info).predict(seen["state"])
     change = np.abs(action - proposed).max()
     assert 0.005 < change <= 0.2 + 1e-6
     with pytest.raises(ValueError, match="residual"):  # it is no policy by itself
@@ -196,10 +186,10 @@ def test_files_hold_corrections(tmp_path, task, base):
 
 def test_a_policy_by_itself_is_no_correction(tmp_path):
     info = info_of("Align", action="wrench")
-    written(tmp_path / "plain.json", info, info.parts_layout)
-    make_policy(str(tmp_path / "plain.json"), info)
-    with pytest.raises(ValueError, match=r"plain.json: residual"):
-        make_policy({"kind": "residual", "base": "pose", "path": str(tmp_path / "plain.json")}, info)
+    path = str(written(tmp_path, info, info.parts_layout))
+    make_policy(path, info)
+    with pytest.raises(ValueError, match=r"policy.json: residual"):
+        make_policy({"kind": "residual", "base": "pose", "path": path}, info)
 
 
 def test_corrections_are_added_and_cut_off():

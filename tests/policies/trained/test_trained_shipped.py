@@ -1,4 +1,4 @@
-"""Shipped policies against the table of trained agents."""
+"""Shipped policies against the table of trained agents, and the choice of one for a scene."""
 
 import csv
 import json
@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from tests.policies.helpers import DISC, FRESH, episodes, info_of
+import vibgym
+from tests.policies.helpers import DISC, FRESH, HARDWARE, episodes, info_of
 from vibgym import Surface
 from vibgym.envs.vector import environment_id
 from vibgym.policies.measures import Measures
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import Policy, TaskInfo
-from vibgym.policies.trained.catalogue import SHIPPED
+from vibgym.policies.trained.catalogue import SHIPPED, shipped_agent, shipped_agents
 from vibgym.policies.trained.trained import RESIDUAL, described, serves_surface
 
 pytest.importorskip("torch")
@@ -100,13 +101,6 @@ def test_a_shipped_policy_succeeds_as_often_as_the_table_says(name):
     assert least > 0  # otherwise the test could not fail
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_a_shipped_policy_refuses_another_task(name):
-    other = next(task for task in ("Rotate", "Sort") if task not in record(name)["tasks"])
-    with pytest.raises(ValueError, match=rf"{name}\.json: tasks"):
-        shipped(name, info_of(other))
-
-
 @pytest.mark.parametrize("settings", [{"parts": [DISC]}, {"surface": {"rows": 12, "columns": 12}}])
 def test_the_policy_of_images_serves_other_shapes_and_surfaces_too(settings):
     policy = make_policy(str(SHIPPED / "transport-image.json"), info_of("Transport", **settings))
@@ -123,7 +117,7 @@ def test_numbers_of_the_table_belong_together():
 
 
 @pytest.mark.parametrize("frequency", [24.0, 26.0])
-@pytest.mark.parametrize("hardware", [{}, {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}])
+@pytest.mark.parametrize("hardware", [{}, HARDWARE])
 @pytest.mark.parametrize("task", ["Transport", "Align", "Rotate", "Sort", "Pack"])
 def test_agents_serve_machines_near_the_frequency_of_their_training(task, hardware, frequency):
     found = rollout("learned", task, seeds=range(FRESH, FRESH + 20), surface={"frequency": frequency}, **hardware)
@@ -151,3 +145,46 @@ def test_a_policy_succeeds_at_the_ends_of_the_ranges_that_it_states(name, end):
         beyond = {what: stated[what][end] * (0.9, 1.1)[end]}
         with pytest.raises(ValueError, match="surface"):
             rollout(policy, task, seeds=[FRESH], surface=beyond)
+
+
+def test_the_catalogue_is_what_the_files_say():
+    agents = shipped_agents()
+    assert [agent.path for agent in agents] == sorted(SHIPPED.glob("*.json")) and len(agents) > 10
+    for agent in agents:  # names of files agree with their records
+        words = [agent.tasks[0].lower(), *([agent.hardware] if agent.hardware != "ideal" else []), agent.variant]
+        assert agent.path.stem == "-".join(filter(None, words))
+
+
+@pytest.mark.parametrize("task, settings, arguments, name", [
+    ("Align", {}, {}, "align"), ("Align", HARDWARE, {}, "align-prototype"),
+    ("Align", HARDWARE, {"hardware": "ideal"}, "align"), ("Align", {}, {"hardware": "prototype"}, "align-prototype"),
+    ("Align", {"actuators": {"kind": "prototype", "dead_zone": 0.0, "latency": 0}}, {}, "align"),
+    ("Align", {}, {"variant": "cloned"}, "align-cloned"), ("Align", {}, {"action": "phasor"}, "align-phasor"),
+    ("Align", {"surface": {"rows": 12, "columns": 12}}, {}, "align-element"), ("Transport", {}, {}, "transport"),
+    ("Sort", {}, {}, "sort"), ("SortTwelve", HARDWARE, {}, "sorttwelve-prototype"), ("SortCrowded", {}, {}, "sort"),
+    ("Sort", {"parts": ["steel_block"] * 3 + ["aluminium_block"]}, {}, "sort"),
+])  # fmt: skip
+def test_the_agent_for_a_task_its_hardware_and_what_is_wished(task, settings, arguments, name):
+    info = info_of(task, **settings)
+    assert shipped_agent(info, **arguments).path.stem == name
+    assert vibgym.make_policy({"kind": "learned", **arguments}, info).predict
+
+
+@pytest.mark.parametrize("task, settings, arguments", [
+    ("Follow", {}, {}), ("Align", {"surface": {"rows": 12, "columns": 12}}, {"action": "wrench"}),
+    ("Align", {}, {"action": "field"}), ("Align", HARDWARE, {"variant": "iql"}), ("Align", {}, {"hardware": "real"}),
+])  # fmt: skip
+def test_scenes_without_an_agent_are_refused(task, settings, arguments):
+    with pytest.raises(ValueError, match=r"^[^\n]*policy[^\n]*$"):
+        vibgym.make_policy({"kind": "learned", **arguments}, info_of(task, **settings))
+
+
+def test_an_environment_with_an_action_asks_for_an_agent_that_speaks_it():
+    assert vibgym.make_policy("learned", gym.make("vibgym/Align-v0")).action == "wrench"  # the default
+    phasors = gym.make_vec("vibgym/Align-v0", num_envs=2, action="phasor")
+    assert vibgym.make_policy("learned", phasors).action == "phasor"
+    env = gym.make("vibgym/Align-v0", action="field")
+    with pytest.raises(ValueError, match="policy 'learned'"):
+        vibgym.make_policy("learned", env)
+    with pytest.raises(ValueError, match="policy 'trained'"):
+        vibgym.make_policy(str(SHIPPED / "align.json"), env)

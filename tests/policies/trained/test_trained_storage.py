@@ -54,12 +54,12 @@ def test_saving_again_replaces_and_leaves_no_litter(tmp_path):
     ("a.b", ("a", "axb", "a.b.c")),
 ])  # fmt: skip
 def test_names_are_not_patterns(tmp_path, name, others):
-    for each in others:
-        save_set(tmp_path / f"{each}.json", KIND, FIRST, {})
+    paths = [tmp_path / f"{other}.json" for other in others]
+    for path in paths:
+        save_set(path, KIND, FIRST, {})
     for tensors in (FIRST, SECOND):
         save_set(tmp_path / f"{name}.json", KIND, tensors, {})
-    for each in others:
-        assert load_set(tmp_path / f"{each}.json", KIND)[0]["a"].tolist() == FIRST["a"].tolist()
+    assert all((load_set(path, KIND)[0]["a"] == FIRST["a"]).all() for path in paths)
     assert load_set(tmp_path / f"{name}.json", KIND)[0]["a"].tolist() == SECOND["a"].tolist()
     assert len(list(tmp_path.iterdir())) == 2 * (1 + len(others))
 
@@ -171,13 +171,12 @@ INFO = info_of("Align")
 SHAPE = coding_for(INFO).shape
 
 
-def network():
-    return actor_tensors(SHAPE)
+NETWORK = actor_tensors(SHAPE)
 
 
 @pytest.mark.parametrize("activation", ["tanh", "relu"])
 def test_a_loaded_policy_is_its_network(tmp_path, activation):
-    tensors = network()
+    tensors = NETWORK
     policy = make_policy(str(policy_file(tmp_path, INFO, tensors, activation=activation)), INFO)
     assert isinstance(policy, TrainedPolicy) and (policy.action, policy.observation) == ("field", "parts")
     seen = observations(policy.coding, 7)
@@ -212,17 +211,13 @@ def test_a_loaded_policy_remembers_what_its_file_states(tmp_path):
         assert (one == two).all() and (one == forgetful).all() == (step == 0)
 
 
-DOUBLE = {key: value.astype(np.float64) for key, value in network().items()}
+DOUBLE = {key: value.astype(np.float64) for key, value in NETWORK.items()}
 
 
 def with_one(name, number, kind=np.float64):
-    tensors = {**network(), name: DOUBLE[name].astype(kind)}
+    tensors = {**NETWORK, name: DOUBLE[name].astype(kind)}
     tensors[name].flat[-1] = number
     return tensors
-
-
-def without(name):
-    return {key: value for key, value in network().items() if key != name}
 
 
 COLUMNS = coding_for(INFO).columns
@@ -248,7 +243,8 @@ FIT = f"rows of {SHAPE.columns} numbers and actions of 6"
     ({"columns": [*COLUMNS, COLUMNS[-1]]}, "columns"), ({"columns": [[["position"], 2]]}, "columns"),
     ({"columns": [[name, width] for name, width in COLUMNS if name not in ("element", "way_far")], "turned": True},
      "columns"),
-    ({"tensors": {}}, "tensors"), ({"tensors": without("log_std.bias")}, "tensors.*log_std"),
+    ({"tensors": {}}, "tensors"),
+    ({"tensors": {name: NETWORK[name] for name in NETWORK if name != "log_std.bias"}}, "tensors.*log_std"),
     ({"tensors": actor_tensors(SHAPE._replace(action=7))}, f"tensors.*{FIT}"),
     *[({"tensors": with_one("mean.bias", number)}, "tensors") for number in (1e300, np.nan)],
     ({"tensors": with_one("hidden.0.bias", 1, np.int64)}, "tensors"),
@@ -270,7 +266,7 @@ def test_a_policy_may_serve_any_surface_and_any_number_of_parts(tmp_path):
 
 
 def test_a_policy_in_double_precision_acts_as_the_same_in_single(tmp_path):
-    single, double = (load_trained(policy_file(tmp_path, INFO, each), INFO) for each in (network(), DOUBLE))
+    single, double = (load_trained(policy_file(tmp_path, INFO, each), INFO) for each in (NETWORK, DOUBLE))
     seen = observations(single.coding, 7)
     assert (single.predict(seen)[0] == double.predict(seen)[0]).all()
 

@@ -1,26 +1,99 @@
-"""Choice by simulation: one policy alone is unchanged, the better one acts, and every world is on its own."""
+"""Policies that simulate: plans by sampling, and the choice of the best policy."""
 
 import numpy as np
 import pytest
 
 from tests.envs.helpers import batch
 from tests.policies.helpers import FRESH, HARDWARE, info_of
+from vibgym.policies.classical.measured import Measured
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
-from vibgym.policies.simulated import rows_of
+from vibgym.policies.simulated import Model, rows_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.catalogue import SHIPPED
+
+SMALL = {"kind": "mpc", "samples": 6, "horizon": 4, "iterations": 1}
+
+
+@pytest.mark.parametrize("task, action", [
+    ("Align", "wrench"), ("Align", "velocity"), ("Sort", "target"), ("Sort", "field"), ("Rotate", "patch"),
+])  # fmt: skip
+def test_the_model_agrees_with_the_world(task, action):
+    env = batch(task, 3, action=action)
+    seen, _ = env.reset(seed=FRESH)
+    info, random = TaskInfo.of(env), np.random.default_rng(0)
+    model = Model(info, 3, action)
+    drift = np.tile(model.rest, (3, 1, 1, 1))
+    for _ in range(6):
+        model.begin(Measured.of(seen, info), drift)
+        push = random.uniform(-0.5, 0.5, env.action_space.shape).astype(np.float32)
+        earned, (seen, *_, reported) = model.step(push), env.step(push)
+        drift, truth = model.drift(), env.truth
+        off = model.core.simulator.state.pose - truth.pose
+        off[..., 2] = np.sin(2.0 * off[..., 2])  # blocks look the same after half a turn
+        np.testing.assert_allclose(off, 0.0, atol=1e-6)  # float32 observations
+        np.testing.assert_allclose(earned, reported["parts"]["reward"], atol=1e-4)
+        np.testing.assert_allclose(model.core.pipeline.observations, seen, atol=1e-3)
+
+
+def test_parts_that_arrive_and_leave_are_copied_to_the_model():
+    env = batch("Feed", 2, action="field")
+    seen, _ = env.reset(seed=FRESH)
+    info = TaskInfo.of(env)
+    model = Model(info, 2, "field")
+    for _ in range(4):
+        model.begin(Measured.of(seen, info), np.tile(model.rest, (2, 1, 1, 1)))
+        assert (model.core.episode.present == env.truth.present).all()
+        model.step(np.zeros(env.action_space.shape))
+        seen, *_ = env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+
+
+def test_a_plan_depends_on_seed_and_observation_alone():
+    """Not on the history of the world, nor on what was planned before by the same policy, nor on the other worlds."""
+    env = batch("Align", 3, action="field")
+    seen, _ = env.reset(seed=FRESH)
+    policy, again, other = (make_policy({**SMALL, "seed": seed}, env) for seed in (1, 1, 2))
+    state = None
+    for _ in range(3):
+        action, after = policy.predict(seen, state)
+        np.testing.assert_array_equal(action, again.predict(seen, state)[0])
+        np.testing.assert_array_equal(policy.predict(seen, state)[0], action)
+        np.testing.assert_array_equal(policy.predict(seen[:1], rows_of(state, [0]))[0], action[:1])
+        assert (action != other.predict(seen, state)[0]).any()
+        seen, state = env.step(action)[0], after
+
+
+def test_plans_reach_goals_and_improve_a_base_policy():
+    seeds = range(FRESH, FRESH + 4)
+    alone = rollout({"kind": "mpc", "samples": 24}, "Align", seeds=seeds)
+    assert alone.success.all()
+    same = rollout({"kind": "mpc", "samples": 24, "action": "field", "base": "zero"}, "Align", seeds=seeds)
+    np.testing.assert_array_equal(same.returns, alone.returns)  # variations of zero actions
+    for action in ("velocity", "target"):
+        assert rollout({"kind": "mpc", "samples": 24, "action": action}, "Align", seeds=seeds).success.all()
+    base = rollout("pose", "Align", seeds=seeds)
+    led = rollout({"kind": "mpc", "base": "pose"}, "Align", seeds=seeds)
+    assert led.success.all() and led.returns.mean() > base.returns.mean() - 0.1
+
+
+@pytest.mark.parametrize("settings, task, named", [
+    ({"action": "element"}, "Align", "action"), ({"base": "magic"}, "Align", "policy.kind"), ({}, "Follow", "policy 'mpc'"),
+    ({"base": "open_loop"}, "Align", "base.action"), ({"base": "planner", "action": "field"}, "Align", "field"),
+])  # fmt: skip
+def test_bad_settings_and_moving_goals_are_refused(settings, task, named):
+    with pytest.raises(ValueError, match=named):
+        make_policy({**SMALL, **settings}, info_of(task))
+
 
 SEEDS = range(FRESH, FRESH + 6)
 
 
 class Still:
-    """Policy that brakes all parts; it counts its steps since it began to act."""
+    """Policy that brakes all parts, and counts its steps since it began to act."""
 
     action, observation = "velocity", "state"
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        """Return zeros and the count."""
         age = np.zeros(len(observation), dtype=np.int64) if state is None else state
         age = np.where(False if episode_start is None else episode_start, 0, age)
         return np.zeros((len(observation), 3), dtype=np.float32), age + 1
@@ -79,7 +152,7 @@ def test_the_better_policy_acts_and_begins_anew():
 
 def test_a_policy_takes_over_when_the_other_fails_later():
     class Slack(Still):
-        """Brakes from the fifth step on, and follows the law before."""
+        """Policy that follows a law for five steps, and then brakes."""
 
         def __init__(self, law):
             self.law = law
@@ -126,15 +199,10 @@ def test_worlds_are_on_their_own():
         state = after
 
 
-@pytest.mark.parametrize("settings, named", [
-    ({"policies": []}, "policy.policies"), ({"policies": "pose"}, "policy.policies"), ({"policies": ["magic"]}, "policy.kind"),
-    ({"policies": ["open_loop", Still()]}, r"policies\[1\].action"),
+@pytest.mark.parametrize("policies, task, named", [
+    ([], "Align", "policy.policies"), ("pose", "Align", "policy.policies"), (["magic"], "Align", "policy.kind"),
+    (["open_loop", Still()], "Align", r"policies\[1\].action"), (["pose"], "Follow", "policy 'parallel_rollout'"),
 ])  # fmt: skip
-def test_bad_settings(settings, named):
+def test_bad_policies_and_moving_goals_are_refused(policies, task, named):
     with pytest.raises(ValueError, match=named):
-        make_policy({"kind": "parallel_rollout", **settings}, info_of("Align", action="velocity"))
-
-
-def test_moving_goals_are_refused():
-    with pytest.raises(ValueError, match="policy 'parallel_rollout'"):
-        make_policy(choice_of("pose"), info_of("Follow"))
+        make_policy({"kind": "parallel_rollout", "policies": policies}, info_of(task, action="velocity"))
