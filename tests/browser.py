@@ -22,12 +22,12 @@ def chromium() -> Iterator[Any]:
     """Yield a browser; without one, skip the test, or fail if ``CI`` is set."""
     with ExitStack() as stack:
         try:
-            found = stack.enter_context(play.chromium())
+            browser = stack.enter_context(play.chromium())
         except (ImportError, RuntimeError) as error:
             if os.environ.get("CI"):
                 raise
             pytest.skip(str(error))
-        yield found
+        yield browser
 
 
 def watch(page: Any) -> list[str]:
@@ -42,21 +42,21 @@ def faults(page: Any) -> list[str]:
     """Return what is wrong with a page at its present size: sideways scrolling, serious accessibility violations."""
     from axe_playwright_python.sync_playwright import Axe
 
-    found = []
+    texts = []
     wide, room = page.evaluate("() => [document.documentElement.scrollWidth, window.innerWidth]")
     if wide > room:
-        found.append(f"{wide} pixels wide in a window of {room}")
-    for each in Axe().run(page, options={"preload": False}).response["violations"]:
-        if each["impact"] in ("serious", "critical"):
-            found.append(f"{each['id']}: {each['help']}: {each['nodes'][0]['html'][:200]} ({len(each['nodes'])} times)")
-    return found
+        texts.append(f"{wide} pixels wide in a window of {room}")
+    for rule in Axe().run(page, options={"preload": False}).response["violations"]:
+        if rule["impact"] in ("serious", "critical"):
+            texts.append(f"{rule['id']}: {rule['help']}: {rule['nodes'][0]['html'][:200]} ({len(rule['nodes'])} times)")
+    return texts
 
 
 def faults_at_all_sizes(page: Any) -> list[str]:
     """Return the :func:`faults` on a desktop in light colours and on a phone in dark ones."""
-    found = []
+    texts = []
     for width, scheme in LOOKS:
         page.set_viewport_size({"width": width, "height": 800})
         page.emulate_media(color_scheme=scheme)
-        found += [f"{width} pixels, {scheme}: {fault}" for fault in faults(page)]
-    return found
+        texts += [f"{width} pixels, {scheme}: {fault}" for fault in faults(page)]
+    return texts

@@ -49,24 +49,24 @@ FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 @pytest.mark.parametrize("module, name", [(os, "fsync"), (shutil, "copy2"), (os, "replace")])
 @pytest.mark.parametrize("stood", [(), NAMES[:2], NAMES])
 def test_all_files_are_new_or_none(tmp_path, monkeypatch, module, name, number, stood, error):
-    before = {each: f"old {each}" for each in stood}
-    for each, text in before.items():
-        (tmp_path / each).write_text(text)
+    before = {other: f"old {other}" for other in stood}
+    for other, text in before.items():
+        (tmp_path / other).write_text(text)
     monkeypatch.setattr(module, name, failing(getattr(module, name), number, error))
     with pytest.raises(WriteError if error is FULL else KeyboardInterrupt) as caught:
         write_together(contents(tmp_path, "new"))
-    assert {each.name: each.read_text() for each in tmp_path.iterdir()} == before
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before
     assert error is not FULL or ("No space left" in str(caught.value) and str(tmp_path) in str(caught.value))
     monkeypatch.undo()
     write_together(contents(tmp_path, "new"))
-    assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {each: f"new {each}" for each in NAMES}
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {file: f"new {file}" for file in NAMES}
 
 
 def test_a_directory_at_a_files_path_prevents_all_writes(tmp_path):
     (tmp_path / "c.html").mkdir()
     with pytest.raises(WriteError, match="c.html"):
         write_together(contents(tmp_path, "new"))
-    assert [each.name for each in tmp_path.iterdir()] == ["c.html"]
+    assert [path.name for path in tmp_path.iterdir()] == ["c.html"]
 
 
 def killed_while_writing(directory: Path, number: int) -> None:
@@ -90,13 +90,13 @@ def test_a_killed_run_leaves_old_files_and_temporary_ones_that_are_removed_after
     assert len(temporary) >= number
     output_directory(tmp_path)
     assert temporary < set(tmp_path.iterdir())  # another run may be writing
-    for each in temporary:
-        os.utime(each, (time.time() - 1.1 * 86_400,) * 2)
+    for path in temporary:
+        os.utime(path, (time.time() - 1.1 * 86_400,) * 2)
     (tmp_path / ".vibgym.lock").write_text("")
     os.utime(tmp_path / ".vibgym.lock", (0, 0))
     output_directory(tmp_path)
-    expected = {each: f"old {each}" for each in NAMES} | {".vibgym.lock": ""}
-    assert {each.name: each.read_text() for each in tmp_path.iterdir()} == expected
+    expected = {name: f"old {name}" for name in NAMES} | {".vibgym.lock": ""}
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == expected
 
 
 def file_in(path: Path) -> Path:

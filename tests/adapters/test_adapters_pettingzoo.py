@@ -35,11 +35,11 @@ def test_agents_of_slots_with_changing_parts_stay():
     parallel_api_test(vibgym.parallel_env("Feed", **FEW), num_cycles=60)
     env = vibgym.parallel_env("Feed", **FEW)
     _, infos = env.reset(seed=1, options={"parts": [0, 1, 2, 3]})
-    assert env.agents == [f"part_{k}" for k in range(4)] and not all(each["present"] for each in infos.values())
+    assert env.agents == [f"part_{k}" for k in range(4)] and not all(info["present"] for info in infos.values())
     for _ in range(30):
         rows, _, _, _, infos = env.step(dict.fromkeys(env.agents, np.zeros(3)))
         assert all(rows[agent].any() == info["present"] for agent, info in infos.items())
-    assert any(each["present"] for each in infos.values())
+    assert any(info["present"] for info in infos.values())
 
 
 def test_ids_of_registered_environments_are_names(monkeypatch):

@@ -94,7 +94,7 @@ def test_options_of_a_reset_apply_once():
         env.seed(5), theirs.seed(5)
         env.set_options(options), theirs.set_options(options)
         assert (env.reset() == theirs.reset()).all() and env.reset_infos[0]["position_error"] > 0.0
-        errors = [[info["position_error"] for info in each.reset_infos] for each in (env, theirs)]
+        errors = [[info["position_error"] for info in venv.reset_infos] for venv in (env, theirs)]
         assert errors[0] == errors[1]
     env.set_options({"poses": 1})
     with pytest.raises(ValueError, match="poses"):
@@ -128,7 +128,7 @@ def test_worlds_are_rendered():
     images = env.get_images()
     assert env.render_mode == "rgb_array" and len(images) == 2 and (images[0] != images[1]).any()
     picture = env.render()
-    assert picture.dtype == np.uint8 and picture.size == sum(each.size for each in images)
+    assert picture.dtype == np.uint8 and picture.size == sum(image.size for image in images)
     assert adapter(action="field").render_mode is None
 
 
@@ -140,7 +140,7 @@ def test_videos_are_recorded(tmp_path):
     for _ in range(4):
         video.step(np.zeros((2, 6), dtype=np.float32))
     video.close()
-    assert [each.suffix for each in tmp_path.iterdir()] == [".mp4"]
+    assert [path.suffix for path in tmp_path.iterdir()] == [".mp4"]
 
 
 @pytest.mark.parametrize("settings", [{"action": "patch"}, {"observation": "state"}])
@@ -177,12 +177,12 @@ def test_dictionaries_are_batches_and_parts_have_rewards_of_their_own():
     generator, ends = np.random.default_rng(0), 0
     for step in range(12):
         for name in seen:
-            assert (seen[name] == np.concatenate([each[name] for each in first])).all()
+            assert (seen[name] == np.concatenate([observation[name] for observation in first])).all()
         push = generator.uniform(-1, 1, (5, 12)).astype(np.float32)
         seen, _, done, infos = both.step(push)
-        found = [env.step(each) for env, each in zip(alone, (push[:2], push[2:]), strict=True)]
-        first, expected = [each[0] for each in found], []
-        for *_, info in found:
+        steps = [env.step(action) for env, action in zip(alone, (push[:2], push[2:]), strict=True)]
+        first, expected = [returned[0] for returned in steps], []
+        for *_, info in steps:
             reward = info["parts"]["reward"].copy()
             if "final_info" in info:
                 ended = info["_final_info"]
@@ -214,7 +214,7 @@ def test_rewards_of_goals_are_computed_for_replay():
     achieved = desired + np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
     for rows in (slice(None), slice(2)):
         got = env.env_method("compute_reward", achieved[rows], desired[rows], {}, indices=[0, 2])
-        assert [each.tolist() for each in got] == [[0.0, -1.0, 0.0][rows]] * 2
+        assert [array.tolist() for array in got] == [[0.0, -1.0, 0.0][rows]] * 2
     fallen = {"fallen": np.array([True, False, True])}
     (got,) = env.env_method("compute_reward", achieved, desired, fallen, indices=[0])
     assert got.tolist() == [-50.0, -1.0, -50.0]

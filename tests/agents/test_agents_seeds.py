@@ -82,7 +82,7 @@ def test_a_command_refuses_the_seeds_of_others(command, tmp_path, capsys):
     if command == "record":
         path.write_text(path.read_text().replace("output:", "directory:"))
     line = refusal(capsys, main, command, path)
-    assert all(each in line for each in (str(path), f"{name}: seeds must be in", f"({allowed})", got))
+    assert all(text in line for text in (str(path), f"{name}: seeds must be in", f"({allowed})", got))
     assert list(tmp_path.iterdir()) == [path]  # nothing was written
 
 

@@ -60,8 +60,8 @@ def test_results_keep_their_order_and_errors_are_raised(where, two):
 
 
 def test_work_of_a_killed_process_starts_again(tmp_path, two, monkeypatch):
-    found = parallel.run(killed_once, [(tmp_path / str(k),) for k in range(2)], workers=2)
-    assert len(found) == 2 and os.getpid() not in found
+    results = parallel.run(killed_once, [(tmp_path / str(k),) for k in range(2)], workers=2)
+    assert len(results) == 2 and os.getpid() not in results
     monkeypatch.setattr(parallel, "ATTEMPTS", 2)
     with pytest.raises(ConnectionError, match="killed 2 times"):
         parallel.run(killed, [()] * 2, workers=2)
@@ -78,7 +78,7 @@ def test_workers_exit_when_their_parent_is_killed(tmp_path):
         time.sleep(0.1)
     parent.kill()
     parent.wait()
-    while any(os.path.exists(f"/proc/{each}/fd/0") for each in os.listdir(tmp_path)):  # a zombie has no files
+    while any(os.path.exists(f"/proc/{process}/fd/0") for process in os.listdir(tmp_path)):  # a zombie has no files
         time.sleep(0.1)
 
 

@@ -40,9 +40,9 @@ def mean_states(drive, table, body, scheme, pose, velocity, work, mean_pose, mea
 
 
 def _evaluate(kernel, order, surface, part, pose, velocity, amplitude, phase, results):
-    pose, velocity = (np.atleast_2d(np.asarray(each, dtype=float)) for each in (pose, velocity))
+    pose, velocity = (np.atleast_2d(np.asarray(array, dtype=float)) for array in (pose, velocity))
     worlds = max(len(pose), len(velocity))
-    pose, velocity = (np.ascontiguousarray(np.broadcast_to(each, (worlds, 3))) for each in (pose, velocity))
+    pose, velocity = (np.ascontiguousarray(np.broadcast_to(array, (worlds, 3))) for array in (pose, velocity))
     full = (worlds, surface.rows, surface.columns)
     drive = polar_drive(
         np.ascontiguousarray(np.broadcast_to(amplitude, full), dtype=float),
@@ -50,11 +50,11 @@ def _evaluate(kernel, order, surface, part, pose, velocity, amplitude, phase, re
         surface.angular_frequency,
     )
     table, body = surface.table(), body_of(part)
-    found = [np.empty((worlds, 3)) for _ in range(results)]
+    outputs = [np.empty((worlds, 3)) for _ in range(results)]
     scheme = AveragedScheme(order, 1, 1, averages())
-    kernel(drive, table, body, scheme, pose, velocity, new_workspace(table, body), *found)
-    assert np.isfinite(found).all()
-    return found
+    kernel(drive, table, body, scheme, pose, velocity, new_workspace(table, body), *outputs)
+    assert np.isfinite(outputs).all()
+    return outputs
 
 
 def mean_acceleration(surface, part, pose, velocity, amplitude, phase, *, order=2):

@@ -94,16 +94,16 @@ def brute_force(parts, pose, wanted, lengths, turns=36):
 def test_near_optimal_on_few_elements(size):
     """Compare with all pairs of phasors for a block of 40 x 20 mm off the centre of two elements."""
     part = Part.rectangle(0.040, 0.020, friction=0.5)
-    found, best = [], []
+    errors, best = [], []
     for k in range(12):
         pose = np.array([[0.130 + 0.0005 * k, 0.091, 0.0]])
         wanted = target(size, math.sin(3.0 * k), 2.0 * k)
         push = allocator(part).pushes(pose[None], THERE, wanted[None, None])[0]
         assert len(cut((part,), pose)[1]) == 2
-        found.append(error((part,), pose, push, wanted[None])[1])
+        errors.append(error((part,), pose, push, wanted[None])[1])
         best.append(brute_force((part,), pose, wanted, np.linspace(MIN, 1.0, 7)))
-    found, best = np.sqrt(found), np.sqrt(best)
-    assert np.median(found / best) < 1.05 and (found < best + 0.02).all()
+    errors, best = np.sqrt(errors), np.sqrt(best)
+    assert np.median(errors / best) < 1.05 and (errors < best + 0.02).all()
 
 
 def test_small_pushes_pass_the_dead_zone():
@@ -112,7 +112,7 @@ def test_small_pushes_pass_the_dead_zone():
         [generator.uniform(0.1, 0.7, 60), generator.uniform(0.06, 0.14, 60), generator.uniform(-3, 3, 60)]
     )
     there, aware, plain = np.ones((60, 1), dtype=bool), [], []
-    wanted = np.array([target(0.1, *each) for each in generator.uniform([-1, 0], [1, 6], (60, 2))])
+    wanted = np.array([target(0.1, *pair) for pair in generator.uniform([-1, 0], [1, 6], (60, 2))])
     for maker, errors in ((allocator(ALUMINIUM), aware), (allocator(ALUMINIUM, least=0.0), plain)):
         push = maker.pushes(pose[:, None], there, wanted[:, None])
         push[np.hypot(push[..., 0], push[..., 1]) < MIN * (1.0 - 1e-9)] = 0.0  # loss in the dead zone
@@ -187,7 +187,7 @@ def test_one_pulse_shifts_the_place_of_rest_as_wanted():
     still = np.zeros((worlds, surface.rows, surface.columns))
     simulator.advance(still, still, periods=60)
     before = simulator.pose.copy()
-    shift = 0.002 * np.array([target(1.0, *each) for each in generator.uniform([-1, 0], [1, 6], (worlds, 2))])
+    shift = 0.002 * np.array([target(1.0, *pair) for pair in generator.uniform([-1, 0], [1, 6], (worlds, 2))])
     drag = part.friction * surface.gravity / (2.0 * surface.table_speed)
     maker = allocator(part, least=1e-4 / surface.max_amplitude)
     wanted = (drag * shift / surface.period)[:, None] / [1.0, 1.0, math.sqrt(part.gyration)]
@@ -221,9 +221,9 @@ def test_soft_dead_zones_are_compensated(form):
 
 def test_limits_are_those_of_the_data_sheet():
     info = info_of("Align", actuators={"kind": "prototype", "limit": 2.5e-4, "resolution": 1e-5})
-    found = Allocator(info.surface, info.parts, info.hardware)
-    assert found.least == pytest.approx((1e-4 * (1.0 + MARGIN) + 0.5e-5) / SURFACE.max_amplitude)
-    assert found.most == pytest.approx(2.5e-4 / SURFACE.max_amplitude)
+    limits = Allocator(info.surface, info.parts, info.hardware)
+    assert limits.least == pytest.approx((1e-4 * (1.0 + MARGIN) + 0.5e-5) / SURFACE.max_amplitude)
+    assert limits.most == pytest.approx(2.5e-4 / SURFACE.max_amplitude)
     tight = dataclasses.replace(info.hardware, dead_zone=2.49e-4)
     assert Allocator(info.surface, info.parts, tight).least == pytest.approx(2.5e-4 / SURFACE.max_amplitude)
 
@@ -237,9 +237,9 @@ def accelerations(parts, pose, push):
     for k, part in enumerate(parts):
         amplitude = SURFACE.max_amplitude * np.hypot(push[..., 0], push[..., 1])
         phase = np.arctan2(-push[..., 0], -push[..., 1])
-        found = mean_acceleration(SURFACE, part, pose[:, k], np.zeros(3), amplitude, phase, order=1)
+        acceleration = mean_acceleration(SURFACE, part, pose[:, k], np.zeros(3), amplitude, phase, order=1)
         scale = 0.5 * part.friction * SURFACE.full_scale
-        result.append(found / scale * np.array([1, 1, math.sqrt(part.gyration)]))
+        result.append(acceleration / scale * np.array([1, 1, math.sqrt(part.gyration)]))
     return np.stack(result, axis=1)
 
 

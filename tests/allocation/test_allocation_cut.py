@@ -48,10 +48,10 @@ def test_pieces_are_the_intersections_with_the_elements(which, x, y, heading):
             piece = shape.intersection(box(column * size, row * size, (column + 1) * size, (row + 1) * size))
             if piece.area > 1e-6 * shape.area:
                 expected[row * SURFACE.columns + column] = piece.area / shape.area, piece.centroid
-    found = {e: k for k, e in enumerate(element.tolist()) if share[k] > 1e-6}
-    assert found.keys() == expected.keys() and len(element) == len(set(element.tolist()))
+    piece_of = {e: k for k, e in enumerate(element.tolist()) if share[k] > 1e-6}
+    assert piece_of.keys() == expected.keys() and len(element) == len(set(element.tolist()))
     for e, (area, centroid) in expected.items():
-        k = found[e]
+        k = piece_of[e]
         assert share[k] == pytest.approx(area, abs=1e-9)
         assert lever[k] == pytest.approx(area * np.array([centroid.x - x, centroid.y - y]), abs=1e-10)
 

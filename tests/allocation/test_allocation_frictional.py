@@ -38,11 +38,11 @@ def test_accelerations_equal_the_averaged_model(surface, pose, part):
     """On one element and under a uniform field on several, slower than the table and, far from it, faster."""
     velocity, wanted = draws(300, 1.0)
     velocity = velocity[abs(np.hypot(*velocity.T[:2]) / TOP - 1.0) > 0.02]  # the tables end at 0.99
-    found = FrictionalInverse(surface, part).push(velocity[:, None], wanted[: len(velocity), None])
-    simulated = mean_acceleration(surface, part, pose, velocity, *motion(found.push[:, 0], surface))
-    assert np.abs(found.acceleration[:, 0, :2] - simulated[:, :2]).max() < 1e-5 * G
-    again, holds = FrictionalInverse(surface, part).acceleration(velocity[:, None], found.push)
-    assert np.abs(again - found.acceleration).max() < 1e-12 and (holds == found.holds).all()
+    result = FrictionalInverse(surface, part).push(velocity[:, None], wanted[: len(velocity), None])
+    simulated = mean_acceleration(surface, part, pose, velocity, *motion(result.push[:, 0], surface))
+    assert np.abs(result.acceleration[:, 0, :2] - simulated[:, :2]).max() < 1e-5 * G
+    again, holds = FrictionalInverse(surface, part).acceleration(velocity[:, None], result.push)
+    assert np.abs(again - result.acceleration).max() < 1e-12 and (holds == result.holds).all()
 
 
 @settings(max_examples=40)
@@ -55,15 +55,15 @@ def test_pushes_are_exact_up_to_the_limit(speed, heading, ax, ay, friction, limi
     inverse = FrictionalInverse(SURFACE, part, limit=limit)
     velocity = np.array([[[speed * math.cos(heading), speed * math.sin(heading), 0.0]]])
     wanted = np.array([[[ax, ay, 0.0]]])
-    found = inverse.push(velocity, wanted)
-    length = np.hypot(*found.push[0, 0, :2]) * SURFACE.max_amplitude
+    result = inverse.push(velocity, wanted)
+    length = np.hypot(*result.push[0, 0, :2]) * SURFACE.max_amplitude
     most = min(limit, SURFACE.max_amplitude)
     assert length <= most * (1.0 + 1e-12)
-    left = np.abs(found.acceleration - wanted).max()
+    left = np.abs(result.acceleration - wanted).max()
     assert left < 1e-8 or length == pytest.approx(most, rel=1e-9)
     # Beyond the limit, the change relative to elements at rest keeps its direction.
     idle, _ = inverse.acceleration(velocity, np.zeros((1, 1, 3)))
-    requested, got = (wanted - idle)[0, 0, :2], (found.acceleration - idle)[0, 0, :2]
+    requested, got = (wanted - idle)[0, 0, :2], (result.acceleration - idle)[0, 0, :2]
     assert abs(requested[0] * got[1] - requested[1] * got[0]) < 1e-7 * (1.0 + requested @ requested)
     assert -1e-9 <= requested @ got <= requested @ requested + 1e-7
 
@@ -77,10 +77,10 @@ def test_the_planar_model_has_the_wanted_acceleration(friction, ahead):
     period, eps = SURFACE.period, friction * G / (SURFACE.horizontal_amplitude * SURFACE.angular_frequency**2)
     velocity, wanted = draws(60, 0.25, seed=2)
     wanted *= 0.3 * friction / 4.0 * G
-    found = FrictionalInverse(SURFACE, part, ahead=ahead * period).push(velocity[:, None], wanted[:, None])
-    given = found.acceleration[:, 0]
-    amplitude, phase = motion(found.push[:, 0])
-    start = velocity - (0.5 - ahead) * period * given
+    result = FrictionalInverse(SURFACE, part, ahead=ahead * period).push(velocity[:, None], wanted[:, None])
+    acceleration = result.acceleration[:, 0]
+    amplitude, phase = motion(result.push[:, 0])
+    start = velocity - (0.5 - ahead) * period * acceleration
     pose = [0.4, 0.1, 0.2] - 0.5 * period * start
     here, now = pose.copy(), start.copy()
     for _ in range(30):  # the state at the start of the period that has these means
@@ -90,7 +90,7 @@ def test_the_planar_model_has_the_wanted_acceleration(friction, ahead):
     exact.reset(here[:, None], now[:, None])
     exact.advance(amplitude, phase)
     end = mean_state(SURFACE, part, exact.pose[:, 0], exact.velocity[:, 0], amplitude, phase)[1]
-    error = np.hypot(*((end - start) / period - given).T[:2]) / (friction * G)
+    error = np.hypot(*((end - start) / period - acceleration).T[:2]) / (friction * G)
     assert error.mean() < eps**2 and error.max() < 4.0 * eps**2, (error.mean(), error.max(), eps**2)
 
 
@@ -100,10 +100,10 @@ def test_spin_agrees_with_the_averaged_model():
     inverse = FrictionalInverse(fine, DISC)
     velocity = np.array([[0.0, 0.0, spin], [0.2, 0.0, spin], [0.12, -0.2, spin], [-0.1, 0.1, 0.0]])
     push = np.array([[0.0, 0.0, 0.4], [0.3, 0.1, 0.2], [0.1, -0.3, 0.0], [0.0, 0.0, -0.3]])
-    x, y = (each - 0.080 for each in fine.element_centres())
+    x, y = (centres - 0.080 for centres in fine.element_centres())
     gyration = math.sqrt(DISC.gyration)
     field = [push[:, k, None, None] + turn * push[:, 2, None, None] / gyration for k, turn in ((0, -y), (1, x))]
-    field = [each / np.maximum(np.hypot(*field), 1.0) for each in field]  # only away from the disc
+    field = [component / np.maximum(np.hypot(*field), 1.0) for component in field]  # only away from the disc
     amplitude, phase = np.hypot(*field) * fine.max_amplitude, np.arctan2(-field[0], -field[1])
     simulated = mean_acceleration(fine, DISC, [0.080, 0.080, 0.0], velocity, amplitude, phase, order=1)[:, 2]
     stated = inverse.acceleration(velocity[:, None], push[:, None])[0][:, 0, 2]
@@ -119,7 +119,7 @@ def test_fast_spin_on_the_planar_model(part):
     spin = np.linspace(0.0, 14.0, 8)
     turn = np.repeat([-0.7, 0.0, 0.7], len(spin))
     spin = np.tile(spin, 3)
-    x, y = (each - 0.080 for each in fine.element_centres())
+    x, y = (centres - 0.080 for centres in fine.element_centres())
     lever = np.hypot(x, y) + 1e-12
     # The moment over the radius of gyration of unit pushes along circles is the mean radius over that one.
     radius = _mean_radius(part)
@@ -174,12 +174,12 @@ def test_ahead_is_consistent():
     velocity, wanted = draws(100, 0.25, seed=5)
     velocity, wanted = velocity[:, None], wanted[:, None] + [0.0, 0.0, 20.0]
     now, later = FrictionalInverse(SURFACE, STEEL), FrictionalInverse(SURFACE, STEEL, ahead=0.02)
-    found = later.push(velocity, wanted)
-    at = velocity + 0.02 * found.acceleration
-    assert now.acceleration(at, found.push)[0] == pytest.approx(found.acceleration, abs=3e-3)
-    assert later.acceleration(velocity, found.push)[0] == pytest.approx(found.acceleration, abs=3e-3)
-    assert now.push(at, wanted).push == pytest.approx(found.push, abs=1e-3)
-    assert 20 < (np.abs(found.acceleration - wanted).max(axis=(1, 2)) < 1e-6).sum() < 90
+    result = later.push(velocity, wanted)
+    at = velocity + 0.02 * result.acceleration
+    assert now.acceleration(at, result.push)[0] == pytest.approx(result.acceleration, abs=3e-3)
+    assert later.acceleration(velocity, result.push)[0] == pytest.approx(result.acceleration, abs=3e-3)
+    assert now.push(at, wanted).push == pytest.approx(result.push, abs=1e-3)
+    assert 20 < (np.abs(result.acceleration - wanted).max(axis=(1, 2)) < 1e-6).sum() < 90
 
 
 def test_possible_zero_slip_is_reported():

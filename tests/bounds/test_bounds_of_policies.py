@@ -24,9 +24,9 @@ PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "
 def test_no_policy_beats_the_bound(task, content, settings):
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings)
     policy = make_policy(content.format(task.lower()), TaskInfo.of(env, task))
-    found = rollout(policy, task, seeds=range(FRESH + 5000, FRESH + 5040), keep=Measures, **settings)
-    assert found.success.mean() > 0.95
-    multiple = found.time_over_bound[found.success]
+    result = rollout(policy, task, seeds=range(FRESH + 5000, FRESH + 5040), keep=Measures, **settings)
+    assert result.success.mean() > 0.95
+    multiple = result.time_over_bound[result.success]
     assert (multiple > 1.0 - 1e-9).all()
     assert np.median(multiple) < {"Transport": 1.1, "Align": 1.15, "Rotate": 1.5}[task]  # else it would say little
 
@@ -56,5 +56,5 @@ def test_where_no_bound_is_known(task, settings):
 def test_what_hardware_can_do_at_most(actuators, drawn, amplitude, latency):
     made, surface = {"kind": "prototype", "limit": 0.2e-3, **actuators}, Surface(max_amplitude=0.25e-3)
     env = gym.make_vec("vibgym/Transport-v0", num_envs=2, surface=surface, actuators=made, randomize=drawn)
-    found = env.unwrapped.core.actuators
-    assert (found.most_amplitude, found.least_latency) == (amplitude, latency)
+    limits = env.unwrapped.core.actuators
+    assert (limits.most_amplitude, limits.least_latency) == (amplitude, latency)

@@ -32,10 +32,10 @@ def poses(seed, worlds=6, parts=3):
 
 def test_the_slowest_present_part_is_the_bound(bounds):
     start, goal, several = poses(0), poses(1), SeveralBound(bounds)
-    each = np.stack([bound.steps(start[:, k], goal[:, k]) for k, bound in enumerate(bounds)], axis=1)
-    np.testing.assert_array_equal(several.steps(start, goal), each.max(axis=1))
+    alone = np.stack([bound.steps(start[:, k], goal[:, k]) for k, bound in enumerate(bounds)], axis=1)
+    np.testing.assert_array_equal(several.steps(start, goal), alone.max(axis=1))
     some = np.array([True, False, True])
-    np.testing.assert_array_equal(several.steps(start, goal, np.tile(some, (6, 1))), each[:, some].max(axis=1))
+    np.testing.assert_array_equal(several.steps(start, goal, np.tile(some, (6, 1))), alone[:, some].max(axis=1))
     assert (several.steps(start, goal, np.zeros((6, 3), dtype=bool)) == 10).all()  # the hold's
 
 
@@ -90,8 +90,14 @@ def test_pushing_is_bounded_by_energy():
 
 
 def flow(parts=4, **settings):
-    given = {"kind": [0, 1] * (parts // 2), "displacement": [0.7] * parts, "headway": 7, "periods": 1200, **settings}
-    return FlowBound(SURFACE, [STEEL, ALUMINIUM] * (parts // 2), **given)
+    arguments = {
+        "kind": [0, 1] * (parts // 2),
+        "displacement": [0.7] * parts,
+        "headway": 7,
+        "periods": 1200,
+        **settings,
+    }
+    return FlowBound(SURFACE, [STEEL, ALUMINIUM] * (parts // 2), **arguments)
 
 
 def test_flow_is_limited_by_slots_and_gates():
@@ -101,7 +107,7 @@ def test_flow_is_limited_by_slots_and_gates():
         for part in (STEEL, ALUMINIUM)
     ]
     assert 0.7 / 0.31 < 0.04 * min(transits) < 0.7 / 0.29
-    passes = [1 + 1199 // (each + 1) for each in transits]
+    passes = [1 + 1199 // (transit + 1) for transit in transits]
     assert flow().transit == pytest.approx(0.04 * np.array(transits * 2))
     assert flow().most == 2 * sum(passes) and flow(8).most == 4 * sum(passes)
     assert flow().per_minute == pytest.approx(60.0 * flow().most / 48.0)
@@ -112,26 +118,26 @@ def test_flow_is_limited_by_slots_and_gates():
 
 @pytest.mark.parametrize(("task", "policy"), [("Feed", "lanes"), ("Feed", "random"), ("FeedHeaps", "lanes")])
 def test_no_policy_exceeds_the_flow_bound(task, policy):
-    found = rollout(policy, task, seeds=range(FRESH, FRESH + 2), keep=Measures, max_episode_steps=700)
-    assert np.isfinite(found.rate_bound).all() and (found.rate_over_bound <= 1.0).all()
-    assert np.isnan(found.bound).all()
+    result = rollout(policy, task, seeds=range(FRESH, FRESH + 2), keep=Measures, max_episode_steps=700)
+    assert np.isfinite(result.rate_bound).all() and (result.rate_over_bound <= 1.0).all()
+    assert np.isnan(result.bound).all()
 
 
 @pytest.mark.parametrize("task", ["Swap", "Pack"])
 def test_goals_that_parts_may_exchange_are_bounded_by_the_best_assignment(task):
     seeds = range(FRESH, FRESH + 4)
     fixed, free = (
-        rollout("zero", task, seeds=seeds, keep=Measures, max_episode_steps=1, task_settings={"free": each})
-        for each in (False, True)
+        rollout("zero", task, seeds=seeds, keep=Measures, max_episode_steps=1, task_settings={"free": exchange})
+        for exchange in (False, True)
     )
     assert (free.bound <= fixed.bound).all() and (free.bound < fixed.bound).any()
 
 
 @pytest.mark.parametrize(("task", "policy"), [("Pack", "two_phases"), ("Swap", "lanes")])
 def test_no_policy_is_faster(task, policy):
-    found = rollout(policy, task, seeds=range(FRESH, FRESH + 8), keep=Measures)
-    assert found.success.any() and (found.time_over_bound[found.success] >= 1.0).all()
-    assert np.isnan(found.rate_bound).all()
+    result = rollout(policy, task, seeds=range(FRESH, FRESH + 8), keep=Measures)
+    assert result.success.any() and (result.time_over_bound[result.success] >= 1.0).all()
+    assert np.isnan(result.rate_bound).all()
 
 
 def time_bound(**arguments):

@@ -63,7 +63,7 @@ def test_rotations_agree_with_the_simulator_and_are_hard_to_beat(part):
         )  # fmt: skip
         turned[k], after[k] = gain[0, 0, 0], spin[0, 0, 0]
         window = k, slice(low[0], 8), slice(low[1], low[1] + side)
-        c[window], s[window] = (each.reshape(side, side)[: 8 - low[0]] for each in (scratch.c, scratch.s))
+        c[window], s[window] = (grid.reshape(side, side)[: 8 - low[0]] for grid in (scratch.c, scratch.s))
     moved, fast = advanced(part, pose, velocity, c, s)
     strongest = part.friction * SURFACE.gravity * SURFACE.period / (2.0 * math.sqrt(part.gyration))
     np.testing.assert_allclose(after, fast[:, 2], atol=0.02 * strongest)

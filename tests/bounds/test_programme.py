@@ -25,8 +25,8 @@ def integrator():
 
 @pytest.mark.parametrize("impulses", [0, 1, 3, 6])
 def test_braking_distance_is_the_known_one(integrator, impulses):
-    found = overshoots(integrator, 10, 1)
-    np.testing.assert_allclose(found[:, 8 + 4 * impulses], (impulses * IMPULSE) ** 2 / (2.0 * STRONGEST), atol=1e-12)
+    beyond = overshoots(integrator, 10, 1)
+    np.testing.assert_allclose(beyond[:, 8 + 4 * impulses], (impulses * IMPULSE) ** 2 / (2.0 * STRONGEST), atol=1e-12)
 
 
 def test_only_instants_count(integrator):

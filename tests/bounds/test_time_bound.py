@@ -50,7 +50,7 @@ def test_at_the_goal_only_the_hold_counts():
 
 def test_latency_and_longer_steps():
     far = START + [[0.3, 0.05, 0.5]]
-    plain, late, long = (bound(**each) for each in ({}, {"latency": 2}, {"periods_per_step": 4}))
+    plain, late, long = (bound(**changes) for changes in ({}, {"latency": 2}, {"periods_per_step": 4}))
     assert late.steps(START, far) == plain.steps(START, far) + 2
     arrival = plain.steps(START, far)[0] - 9
     # The last of three samples is eight periods after the first, which is no earlier than with samples at every period:
@@ -149,7 +149,7 @@ def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator():
                 if worth > most:
                     most, chosen = worth, share * np.array([scratch.c, scratch.s]).reshape(2, side, side)
             around = [(cell[j] - turner.reach + np.arange(side)) for j in (1, 0)]
-            there = [(each >= 0) & (each < most_of) for each, most_of in zip(around, (8, 32), strict=True)]
+            there = [(indices >= 0) & (indices < most_of) for indices, most_of in zip(around, (8, 32), strict=True)]
             where = np.ix_(around[0][there[0]], around[1][there[1]])
             c[world][where], s[world][where] = chosen[:, there[0]][:, :, there[1]]
         simulator.run(cartesian_drive(c, s), 1)

@@ -143,7 +143,7 @@ def test_spaces_hold_what_is_returned(entry):
                 reward.dtype == np.float64 and terminated.dtype == truncated.dtype == info["is_success"].dtype == bool
             )
             assert reward.shape == terminated.shape == truncated.shape == info["is_success"].shape == (WORLDS,)
-            terms = [each for name, each in info["reward_terms"].items() if not name.startswith("_")]
+            terms = [term for name, term in info["reward_terms"].items() if not name.startswith("_")]
             assert reward == pytest.approx(np.sum(terms, axis=0), abs=1e-12)
         env.close()
 
@@ -239,11 +239,11 @@ def test_actions_are_accepted_flat_or_shaped_and_clipped(entry):
         assert_same(env.step(unclipped.astype(np.float64) * 1e300), ends)
         many = scene.batch(2)
         many.reset(seed=3)
-        given = np.stack([unclipped, unclipped])
-        together = many.step(given)
-        assert (given == unclipped).all()  # the caller's array is left alone
+        actions = np.stack([unclipped, unclipped])
+        together = many.step(actions)
+        assert (actions == unclipped).all()  # the caller's array is left alone
         many.reset(seed=3)
-        assert_same(many.step(given.reshape(2, -1)), together)
+        assert_same(many.step(actions.reshape(2, -1)), together)
 
 
 def bad_actions(shape):

@@ -61,11 +61,11 @@ POLICIES = ("policy: mpc", "base"), ("policy: residual", "base")
 
 
 def test_classes_are_settings_of_their_own():
-    assert all(issubclass(each, BaseSettings) for each in CLASSES.values())
+    assert all(issubclass(cls, BaseSettings) for cls in CLASSES.values())
     needed = {
         (name, setting)
-        for name, each in CLASSES.items()
-        for setting, field in each.model_fields.items()
+        for name, cls in CLASSES.items()
+        for setting, field in cls.model_fields.items()
         if field.is_required()
     }
     assert needed == {(name, setting) for name, values in REQUIRED.items() if name in CLASSES for setting in values}
@@ -99,8 +99,8 @@ def test_units_are_read_once(name):
 def test_defaults_are_in_range(name):
     """pydantic does not validate defaults."""
     model = CLASSES[name]
-    given = {n: f.get_default() for n, f in model.model_fields.items() if not f.is_required()}
-    read(model, {**given, **REQUIRED.get(name, {})}, "it")
+    defaults = {n: f.get_default() for n, f in model.model_fields.items() if not f.is_required()}
+    read(model, {**defaults, **REQUIRED.get(name, {})}, "it")
 
 
 @pytest.mark.parametrize("name", REGISTERED)
@@ -111,8 +111,8 @@ def test_every_setting_has_a_meaning(name):
 
 def members(annotation):
     """Yield each type of a union with its bounds."""
-    for each in (annotation, *get_args(annotation)):
-        kind, *more = get_args(each) if get_origin(each) is Annotated else (each,)
+    for inner in (annotation, *get_args(annotation)):
+        kind, *more = get_args(inner) if get_origin(inner) is Annotated else (inner,)
         yield get_origin(kind) or kind, [bound for one in more for bound in getattr(one, "metadata", [one])]
 
 
@@ -121,9 +121,9 @@ def beyond(field):
     yield from outside(field.metadata)
     for _, bounds in members(field.annotation):
         yield from outside(bounds)
-    for each in (field.annotation, *get_args(field.annotation)):
-        if get_origin(each) is tuple:
-            items = list(members(each))[1:]
+    for inner in (field.annotation, *get_args(field.annotation)):
+        if get_origin(inner) is tuple:
+            items = list(members(inner))[1:]
             yield from ((limit,) * len(items) for _, bounds in items for limit in outside(bounds))
 
 
@@ -152,8 +152,8 @@ def alike(field):
         yield None
 
 
-def refused(model: type[BaseModel], given, name):
+def refused(model: type[BaseModel], values, name):
     with pytest.raises(ValueError) as error:
-        read(model, given, "it")
+        read(model, values, "it")
     text = str(error.value)
     assert name in text and "\n" not in text and "pydantic" not in text, text

@@ -133,8 +133,8 @@ def count_examples(test: Any) -> None:
 
 def _campaign(test: Any, seconds: float, arguments: Any, fixtures: Any) -> None:
     test.ends = time.monotonic() + seconds
-    found: dict[str, BaseException] = {}
-    while time.monotonic() < test.ends and len(found) < MAX_FAILURES:
+    by_place: dict[str, BaseException] = {}
+    while time.monotonic() < test.ends and len(by_place) < MAX_FAILURES:
         start = random.SystemRandom().getrandbits(64)
         test.failed = False
         count("rounds")
@@ -144,11 +144,13 @@ def _campaign(test: Any, seconds: float, arguments: Any, fixtures: Any) -> None:
             break
         except (Exception, pytest.fail.Exception) as failure:
             count("failures")
-            for each in failure.exceptions if isinstance(failure, BaseExceptionGroup) else (failure,):
-                each.add_note(f"In the round of seed {start}")
-                found.setdefault(_place(each), each)
-    if found:
-        failures = [each if isinstance(each, Exception) else AssertionError(str(each)) for each in found.values()]
+            for error in failure.exceptions if isinstance(failure, BaseExceptionGroup) else (failure,):
+                error.add_note(f"In the round of seed {start}")
+                by_place.setdefault(_place(error), error)
+    if by_place:
+        failures = [
+            error if isinstance(error, Exception) else AssertionError(str(error)) for error in by_place.values()
+        ]
         raise ExceptionGroup(f"{len(failures)} different failures", failures)
 
 

@@ -34,14 +34,14 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
     """Print one line for each fuzzer of a campaign."""
     if not campaign.SECONDS:
         return
-    found: dict[str, Counter[str]] = {}
+    counters: dict[str, Counter[str]] = {}
     for outcome in ("passed", "failed"):
         for report in terminalreporter.stats.get(outcome, []):
             for name, counts in report.user_properties:
                 if name == "fuzz":
-                    found.setdefault(report.nodeid, Counter()).update(counts)
+                    counters.setdefault(report.nodeid, Counter()).update(counts)
     terminalreporter.section(f"fuzzers, {campaign.SECONDS:g} s")
-    for node, counts in sorted(found.items()):
+    for node, counts in sorted(counters.items()):
         shown = {"examples": 0, **counts, "failures": counts["failures"]}
         text = ", ".join(f"{number:,} {what}".replace(",", " ") for what, number in shown.items())
         terminalreporter.write_line(f"{node.removeprefix('tests/fuzz/')}: {text}")

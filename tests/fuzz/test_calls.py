@@ -179,7 +179,7 @@ def refused(error, *arguments):
     text = str(error)
     assert re.match(r"[^\n]+", text), text
     named = text.split("; allowed")[0]
-    assert not arguments or any(each in named for each in arguments), (arguments, text)
+    assert not arguments or any(arg in named for arg in arguments), (arguments, text)
     assert text.isprintable() and len(text) < 3000, text
     text.encode()
     count("refused")

@@ -62,7 +62,7 @@ def measure(path, output):
 
 
 KINDS = {"agents": train, "evaluations": evaluate, "accuracy": measure}
-TEXTS = [(kind, each.read_text(encoding="utf-8")) for kind in KINDS for each in sorted(Path("configs", kind).glob("*"))]
+TEXTS = [(kind, path.read_text(encoding="utf-8")) for kind in KINDS for path in sorted(Path("configs", kind).glob("*"))]
 BLOCK = f"environment:{ENVIRONMENT}{ZONES}"
 TEXTS += [
     ("agents", f"task: Sort\nworlds: 4\nsteps: 1000\nppo: {{net: [8], gamma: 0.9}}\n{BLOCK}  action: field\n"),
@@ -101,9 +101,9 @@ def documents(draw):
     if draw(st.booleans()):
         data = yaml.safe_load(text)
         for _ in range(draw(st.integers(1, 2))):
-            found = list(places(data))
-            if found:
-                _mutate(draw, data, draw(st.sampled_from(found)))
+            candidates = list(places(data))
+            if candidates:
+                _mutate(draw, data, draw(st.sampled_from(candidates)))
         return kind, yaml.safe_dump(data, allow_unicode=True, sort_keys=False).encode("utf-8", "surrogatepass")
     content = bytearray(text.encode())
     for _ in range(draw(st.integers(1, 3))):

@@ -73,8 +73,8 @@ def machines(draw):
 def assert_finite(got):
     """Yield all numbers of nested values."""
     if isinstance(got, dict | tuple | list):
-        for each in got.values() if isinstance(got, dict) else got:
-            assert_finite(each)
+        for value in got.values() if isinstance(got, dict) else got:
+            assert_finite(value)
     elif isinstance(got, np.ndarray) and got.dtype == object:
         assert_finite(got.tolist())
     elif isinstance(got, float | np.ndarray):

@@ -137,7 +137,8 @@ def test_goals_can_be_set_and_start_poses_cannot():
 @pytest.mark.parametrize(("task", "settings", "message"), [
     ("Feed", {}, "arrive and leave"), ("AlignShapes", {}, "shapes"), ("Alien", {}, "Alien"),
     ("Align", {"randomize": {"disturbance": {"rate": 1.0, "tilt_deg": 2.0}}}, "disturbance"),
-    ("Align", {"costs": {"effort": 1.0}}, "costs"), ("Align", {"sensor": {"kind": "ideal", "report": ["contacts"]}}, "contacts"),
+    ("Align", {"costs": {"effort": 1.0}}, "costs"),
+    ("Align", {"sensor": {"kind": "ideal", "report": ["contacts"]}}, "contacts"),
 ])  # fmt: skip
 def test_settings_without_a_meaning_on_hardware_are_refused(task, settings, message):
     with pytest.raises(ValueError, match=message):
@@ -271,8 +272,8 @@ def test_the_record_of_a_driver_identifies_its_machine(tmp_path):
     path = recorder.save()
     assert path is not None
     nominal_block = Part.rectangle(0.05, 0.035, friction=0.6, height=0.02)
-    found = fit(Log.load(path), surface, [nominal_block])
-    assert found.values["latency"] == 1
-    assert found.values["friction"] == pytest.approx(0.52, rel=0.02)
-    assert found.values["gain"] == pytest.approx(0.9, rel=0.02)
-    assert found.values["horizontal_amplitude"] == pytest.approx(surface.horizontal_amplitude, rel=0.01)
+    fitted = fit(Log.load(path), surface, [nominal_block])
+    assert fitted.values["latency"] == 1
+    assert fitted.values["friction"] == pytest.approx(0.52, rel=0.02)
+    assert fitted.values["gain"] == pytest.approx(0.9, rel=0.02)
+    assert fitted.values["horizontal_amplitude"] == pytest.approx(surface.horizontal_amplitude, rel=0.01)

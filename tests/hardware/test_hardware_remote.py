@@ -73,7 +73,7 @@ def test_a_machine_over_a_socket_gives_the_same_commands_as_in_this_process():
     expected = ControlLoop(near, "Align", "pose", action="velocity", **SETTINGS).run(30, seed=5, beyond=True)
     machine, ended = Faulty(**SETTINGS), []
     machine.surface, machine.parts, machine.step_time = machine.inner.surface, 1, 0.04
-    port, thread = served(lambda each: ended.append(Session(machine, Channel(each, "the loop"), clock=None).run()))
+    port, thread = served(lambda sock: ended.append(Session(machine, Channel(sock, "the loop"), clock=None).run()))
     driver = SocketDriver("127.0.0.1", port, timeout=60.0)
     assert driver.machine == HELLO
     outcome = ControlLoop(driver, "Align", "pose", action="velocity", **SETTINGS).run(30, seed=5, beyond=True)
@@ -174,11 +174,11 @@ def test_measurements_pass_unchanged():
     rng = np.random.default_rng(0)
     pose, image = rng.normal(size=(3, 3)), rng.integers(0, 255, (5, 7), np.uint8)
     pose[1] = np.nan
-    for given in (PoseMeasurement(pose, 1.0 / 3.0), PoseMeasurement(None, 0.1, image)):
-        now, found = unpack_measurement(Message(*pack_measurement(2.0 / 3.0, given)), 3)
-        assert (now, found.taken) == (2.0 / 3.0, given.taken)
-        sent = "pose" if given.image is None else "image"
-        np.testing.assert_array_equal(getattr(found, sent), getattr(given, sent))
+    for original in (PoseMeasurement(pose, 1.0 / 3.0), PoseMeasurement(None, 0.1, image)):
+        now, received = unpack_measurement(Message(*pack_measurement(2.0 / 3.0, original)), 3)
+        assert (now, received.taken) == (2.0 / 3.0, original.taken)
+        sent = "pose" if original.image is None else "image"
+        np.testing.assert_array_equal(getattr(received, sent), getattr(original, sent))
 
 
 class Clock:
@@ -227,16 +227,16 @@ def test_a_machine_holds_the_last_command_for_some_cycles_and_then_stops_its_ele
     assert reason == f"the machine has had no command for {hold + 1} cycles: its elements have stopped"
     assert not machine.env.core.action.amplitude.any()
     # A first cycle without a command yet, the one that begins with the command, and those that hold it.
-    assert [each.kind for each in answers] == [Kind.HELLO, *[Kind.POSES] * (1 + hold + 1), Kind.FAULT]
+    assert [answer.kind for answer in answers] == [Kind.HELLO, *[Kind.POSES] * (1 + hold + 1), Kind.FAULT]
     assert answers[-1].payload.decode() == reason
-    poses = [unpack_measurement(each, 1)[1].pose for each in answers[1:-1]]
+    poses = [unpack_measurement(answer, 1)[1].pose for answer in answers[1:-1]]
     assert all((a != b).any() for a, b in zip(poses, poses[1:], strict=False))  # the part moves until the stop
 
 
 def test_a_machine_at_rest_waits_for_commands_without_end():
     machine, clock, reason, answers = session(command(1e-4), message(Kind.STOP), cycles=50)
     assert reason == "the loop has closed the connection"
-    assert len(answers) >= 50 and all(each.kind is Kind.POSES for each in answers[1:-1])
+    assert len(answers) >= 50 and all(answer.kind is Kind.POSES for answer in answers[1:-1])
     assert clock.time == pytest.approx(50 * 0.04, abs=0.05)
 
 
@@ -248,8 +248,8 @@ def test_a_machine_at_rest_waits_for_commands_without_end():
     (command(1e-4)[:-1], "the loop has sent nothing for 0.16 s"),
 ])  # fmt: skip
 def test_a_bad_message_stops_the_machine(bad, reason):
-    machine, _, found, _ = session(command(1e-4), bad)
-    assert reason in found and not machine.env.core.action.amplitude.any()
+    machine, _, text, _ = session(command(1e-4), bad)
+    assert reason in text and not machine.env.core.action.amplitude.any()
 
 
 def test_commands_of_another_machine_are_refused():

@@ -124,10 +124,10 @@ def resting(steps, change=lambda k, m, now: (m, now), skip=None):
     driver = Faulty(change, skip)
     env = HardwareEnv(driver, "Align", action="field", watchdog=Watchdog(lost=9.0, stale=9.0))
     env.reset(seed=5, options={"goal": driver.inner.env.truth.pose[0]})
-    found = []
-    while len(found) < steps and not (found and found[-1][-1]["is_success"]):
-        found.append(env.step(np.zeros(6, dtype=np.float32)))
-    return env, [each[1] for each in found], [each[-1] for each in found]
+    results = []
+    while len(results) < steps and not (results and results[-1][-1]["is_success"]):
+        results.append(env.step(np.zeros(6, dtype=np.float32)))
+    return env, [step[1] for step in results], [step[-1] for step in results]
 
 
 UNSEEN = {
@@ -155,9 +155,9 @@ def test_rewards_of_missed_cycles_are_part_of_their_step(settings, monkeypatch):
         env.reset(seed=5)
         steps = [env.step(np.zeros(6, dtype=np.float32)) for _ in range(cycles - sum(skip.values()))]
         assert env.core.missed == sum(skip.values())
-        assert all(each[1] == pytest.approx(sum(each[-1]["reward_terms"].values())) for each in steps)
-        assert all(each[1] == pytest.approx(float(each[-1]["parts"]["reward"].sum())) for each in steps)
-        return sum(each[1] for each in steps)
+        assert all(step[1] == pytest.approx(sum(step[-1]["reward_terms"].values())) for step in steps)
+        assert all(step[1] == pytest.approx(float(step[-1]["parts"]["reward"].sum())) for step in steps)
+        return sum(step[1] for step in steps)
 
     assert total(9, {2: 3, 4: 1}) == pytest.approx(total(9, {}), abs=1e-9)
 

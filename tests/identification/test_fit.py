@@ -113,14 +113,14 @@ def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
     rows, rest = [], []
     derivatives = solver.plant.differentiate(which, parameters, starts, elements=True)
     residuals = solver.residuals(which, now)
-    for k, (segment, each, residual) in enumerate(zip(which, derivatives, residuals, strict=True)):
+    for k, (segment, derivative, residual) in enumerate(zip(which, derivatives, residuals, strict=True)):
         weights, measured = solver.weights(segment, now.noise), solver.plant.segments[segment]
         full = np.zeros((*measured.pose.shape, size + LOCAL * len(which)))
-        full[..., :shared] = each.shared
+        full[..., :shared] = derivative.shared
         for m, (row, column) in enumerate(measured.elements):
             at = shared + 2 * (row * NOMINAL.columns + column)
-            full[..., at : at + 2] = each.elements[:, :, m]
-        full[..., size + LOCAL * k : size + LOCAL * (k + 1)] = each.local * STATE_SCALE
+            full[..., at : at + 2] = derivative.elements[:, :, m]
+        full[..., size + LOCAL * k : size + LOCAL * (k + 1)] = derivative.local * STATE_SCALE
         rows.append((full * weights[:, None]).reshape(-1, full.shape[-1]))
         rest.append((residual * weights).ravel())
     deviation = np.concatenate([now.prior.deviation, np.tile(now.prior.spread, NOMINAL.rows * NOMINAL.columns)])
@@ -142,13 +142,13 @@ def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
 
 def test_common_gain_and_phase_can_be_exchanged_with_those_of_the_elements(log):
     job, solver, parameters, starts = prepared(log, 40)
-    each = solver.plant.differentiate([3], parameters, starts, elements=True)[0]
-    own = each.elements.sum(axis=2)
-    np.testing.assert_allclose(each.shared[..., job.names.index("gain")], parameters.gain * own[..., 0])
-    np.testing.assert_allclose(each.shared[..., job.names.index("phase")], own[..., 1])
+    derivatives = solver.plant.differentiate([3], parameters, starts, elements=True)[0]
+    own = derivatives.elements.sum(axis=2)
+    np.testing.assert_allclose(derivatives.shared[..., job.names.index("gain")], parameters.gain * own[..., 0])
+    np.testing.assert_allclose(derivatives.shared[..., job.names.index("phase")], own[..., 1])
     direct = solver.plant.differentiate([3], parameters, starts)[0]
     for name in ("gain", "phase"):
-        one, other = (found.shared[..., job.names.index(name)] for found in (each, direct))
+        one, other = (source.shared[..., job.names.index(name)] for source in (derivatives, direct))
         np.testing.assert_allclose(one, other, atol=0.05 * np.abs(other).max())
 
 
@@ -158,16 +158,16 @@ def test_a_friction_law_is_found_where_there_is_one(fitted):
     assert fitted.parts[0].friction_law is None
     part = applied(TRUE_PART, {"kind": "stribeck", "rise": 0.4, "speed": 0.2})
     settings = {"surface": NOMINAL, "actuators": "prototype", "parts": [PART]}
-    found = fit(record(TRUE, part, machine(), CAMERA, seconds=32.0, seed=1, settings=settings,
+    result = fit(record(TRUE, part, machine(), CAMERA, seconds=32.0, seed=1, settings=settings,
                        excitation=Excitation(NOMINAL, PART, 1)))  # fmt: skip
-    assert found.values["friction_law"] == "stribeck"
+    assert result.values["friction_law"] == "stribeck"
     for name, true in (("rise", 0.4), ("rise_speed", 0.2), ("friction", 0.5)):
-        low, high = found.intervals[name]
-        assert abs(found.values[name] - true) <= high - low, name  # four standard deviations
-    law = found.parts[0].friction_law
+        low, high = result.intervals[name]
+        assert abs(result.values[name] - true) <= high - low, name  # four standard deviations
+    law = result.parts[0].friction_law
     assert law is not None
-    assert (law["rise"], law["speed"]) == (found.values["rise"], found.values["rise_speed"])
-    assert "required, see its rise" in "\n".join(found.notes)
+    assert (law["rise"], law["speed"]) == (result.values["rise"], result.values["rise_speed"])
+    assert "required, see its rise" in "\n".join(result.notes)
 
 
 @pytest.mark.full
@@ -175,15 +175,15 @@ def test_a_friction_law_is_found_where_there_is_one(fitted):
 def test_the_limit_of_the_elements_may_differ_from_that_of_commands(limit, gain):
     nominal = replace(NOMINAL, max_amplitude=0.30e-3)
     settings = {"surface": nominal, "actuators": "prototype", "parts": [PART]}
-    found = fit(record(replace(TRUE, max_amplitude=limit), TRUE_PART, machine(gain=gain, dead_zone=0.5e-4), CAMERA,
+    result = fit(record(replace(TRUE, max_amplitude=limit), TRUE_PART, machine(gain=gain, dead_zone=0.5e-4), CAMERA,
                        seconds=32.0, seed=1, settings=settings, excitation=Excitation(nominal, PART, 1)))  # fmt: skip
-    assert found.values["friction_law"] == "constant"
+    assert result.values["friction_law"] == "constant"
     for name, true in (("friction", 0.5), ("horizontal_amplitude", 2.5e-3), ("gain", gain)):
-        assert found.values[name] == pytest.approx(true, rel=0.03 if name == "gain" else 0.015), name
-    expected = Surface(frequency=found.surface.frequency).max_amplitude if limit == 0.40e-3 else limit  # lift-off
-    assert found.values["max_amplitude"] == found.surface.max_amplitude == pytest.approx(expected, rel=0.02)
-    assert found.actuators["limit"] == 0.30e-3
-    assert any("exceed the nominal" in each for each in found.notes) == (limit > 0.30e-3)
+        assert result.values[name] == pytest.approx(true, rel=0.03 if name == "gain" else 0.015), name
+    expected = Surface(frequency=result.surface.frequency).max_amplitude if limit == 0.40e-3 else limit  # lift-off
+    assert result.values["max_amplitude"] == result.surface.max_amplitude == pytest.approx(expected, rel=0.02)
+    assert result.actuators["limit"] == 0.30e-3
+    assert any("exceed the nominal" in note for note in result.notes) == (limit > 0.30e-3)
 
 
 @pytest.mark.full
@@ -194,15 +194,15 @@ def test_parts_of_two_kinds_have_friction_of_their_own():
     settings = {"surface": surface, "actuators": "prototype", "parts": [PART, disc]}
     log = record(replace(TRUE, columns=14), [TRUE_PART, true_disc], actuators, CAMERA, seconds=32.0, seed=2,
                  settings=settings, excitation=Excitation(surface, [PART, disc], 2))  # fmt: skip
-    found = fit(log, surface, [PART, disc])
-    assert found.values["latency"] == 1
+    result = fit(log, surface, [PART, disc])
+    assert result.values["latency"] == 1
     for name, true in (("friction.block", 0.5), ("friction.disc", 0.7)):
-        low, high = found.intervals[name]
-        assert abs(found.values[name] - true) <= high - low, name  # four standard deviations
-        assert abs(found.values[name] / true - 1.0) < 0.02
-    for part in found.parts:
-        assert part.friction == pytest.approx(found.values[f"friction.{part.name}"])
-    assert found.values["friction_law.block"] == found.values["friction_law.disc"] == "constant"
+        low, high = result.intervals[name]
+        assert abs(result.values[name] - true) <= high - low, name  # four standard deviations
+        assert abs(result.values[name] / true - 1.0) < 0.02
+    for part in result.parts:
+        assert part.friction == pytest.approx(result.values[f"friction.{part.name}"])
+    assert result.values["friction_law.block"] == result.values["friction_law.disc"] == "constant"
 
 
 @pytest.mark.full
@@ -235,10 +235,10 @@ def test_gaps_are_reported_and_left_out(log):
     keep = np.ones(len(log), dtype=bool)
     keep[300:317] = False
     parts = {name: getattr(log, name)[keep] for name in ("time", "amplitude", "phase", "pose", "taken")}
-    found = fit(Log(**parts, settings=log.settings))
-    assert "gap of 17 cycles after row 299" in found.notes
-    low, high = found.intervals["friction"]
-    assert abs(found.values["friction"] - 0.5) <= (high - low)
+    result = fit(Log(**parts, settings=log.settings))
+    assert "gap of 17 cycles after row 299" in result.notes
+    low, high = result.intervals["friction"]
+    assert abs(result.values["friction"] - 0.5) <= (high - low)
 
 
 @pytest.mark.full
@@ -248,9 +248,9 @@ def test_a_recording_without_small_amplitudes_does_not_identify_the_dead_zone():
             amplitude, phase = super().command(pose)
             return np.where(amplitude > 0.0, np.maximum(amplitude, 2.6e-4), 0.0), phase
 
-    found = fit(recording(16.0, excitation=Strong(NOMINAL, PART, 1)))
-    assert "dead_zone" in found.unidentified
-    assert "friction" not in found.unidentified
+    result = fit(recording(16.0, excitation=Strong(NOMINAL, PART, 1)))
+    assert "dead_zone" in result.unidentified
+    assert "friction" not in result.unidentified
 
 
 def some(log, rows, **changed):

@@ -72,7 +72,7 @@ N = 6
 def values(**changed):
     surface = Surface(rows=2, columns=3)
     rng = np.random.default_rng(0)
-    found = {
+    content = {
         "time": 7.0 + 0.04 * np.arange(N),
         "amplitude": rng.uniform(0.0, 3e-4, (N, 2, 3)),
         "phase": rng.uniform(-3.0, 3.0, (N, 2, 3)),
@@ -85,7 +85,7 @@ def values(**changed):
             "who": "a",
         },
     }
-    return {**found, **changed}
+    return {**content, **changed}
 
 
 def at(name, index, value):

@@ -134,7 +134,7 @@ def test_a_damaged_cache_is_rebuilt_with_one_warning(tmp_path, monkeypatch, capl
         path.write_bytes(damage(path.read_bytes()))
     *again, lines = once()
     assert again == [6.0, 0]
-    (line,) = (each for each in lines if "compiling" not in each)
+    (line,) = (other for other in lines if "compiling" not in other)
     assert "damaged" in line and str(tmp_path / "cache") in line
     assert once() == (6.0, 1, [])
 

@@ -24,12 +24,12 @@ def private_names(file):
     tree, names = ast.parse(file.read_text(encoding="utf-8")), []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            names += [each.name for each in node.names]
+            names += [name.name for name in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names += [f"{node.module}.{each.name}" for each in node.names]
+            names += [f"{node.module}.{name.name}" for name in node.names]
         elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             names.append(f"{node.value.id}.{node.attr}")
-    return [name for name in names if any(name == each or name.startswith(f"{each}.") for each in PRIVATE)]
+    return [name for name in names if any(name == private or name.startswith(f"{private}.") for private in PRIVATE)]
 
 
 def test_one_module_uses_undocumented_interfaces():

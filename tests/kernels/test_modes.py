@@ -89,14 +89,14 @@ def expected():
     return numbers_of(ALL)[0]
 
 
-def check(found, expected):
-    for name, numbers in found.items():
+def check(measured, expected):
+    for name, numbers in measured.items():
         assert np.allclose(numbers, expected[name], rtol=0.0, atol=1e-9), name
 
 
 def test_without_compilation(expected):
-    found, messages = numbers_of(ALL, NUMBA_DISABLE_JIT="1")
-    check(found, expected)
+    measured, messages = numbers_of(ALL, NUMBA_DISABLE_JIT="1")
+    check(measured, expected)
     assert expected["contacts"][-1] > 0 and len(messages.splitlines()) == 1 and "NUMBA_DISABLE_JIT" in messages
 
 
@@ -107,8 +107,8 @@ def test_without_compilation(expected):
 def test_plain_numba(expected, tmp_path, scenes, level):
     settings = {"VIBGYM_PLAIN_NUMBA": "1", "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_OPT": level}
     for _ in range(2):
-        found, messages = numbers_of(scenes, **settings)
-        check(found, expected)
+        measured, messages = numbers_of(scenes, **settings)
+        check(measured, expected)
         assert len(messages.splitlines()) == 1 and "VIBGYM_PLAIN_NUMBA" in messages
     kept = list(tmp_path.rglob("*.nbc"))
     assert kept and all(path.relative_to(tmp_path).parts[0].startswith("plain-") for path in kept)

@@ -52,18 +52,18 @@ def pinned(address):
 
 
 def test_the_same_by_value_by_reference_and_pinned():
-    def when_pinned(given):
-        kept = Pinned(OUTER, given)
+    def when_pinned(outer):
+        kept = Pinned(OUTER, outer)
         return pinned(kept.address)
 
     results = []
     for call in (work, by_reference, when_pinned):
-        given = record()
-        results.append((call(given), given.inner.values.tolist()))
+        outer = record()
+        results.append((call(outer), outer.inner.values.tolist()))
     assert results == [(0.5 * 6.0 + 4 * 7 * 5, [0.0, 0.5, 1.0, 1.5])] * 3
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))])
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
 def test_copies_are_pinned_anew_and_keep_what_they_share(copied):
     one = Pinned(OUTER, record())
     two, values = copied((one, one.record.inner.values))

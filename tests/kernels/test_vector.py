@@ -82,10 +82,10 @@ def masks(a, b, flags, out):
 @given(numbers, numbers)
 def test_masks(a, b):
     flags, out = np.zeros(3 * LANES, bool), np.empty(3 * LANES)
-    found = masks(a, b, flags, out)
+    number = masks(a, b, flags, out)
     both, either, opposite = (a < b) & (a >= 0.0), (a <= b) | (b > 0.0), ~(a > b)
     assert np.array_equal(flags.reshape(3, LANES), [both, either, opposite])
-    assert found == sum(1 << k for k in range(LANES) if both[k])
+    assert number == sum(1 << k for k in range(LANES) if both[k])
     assert np.array_equal(out[:LANES], np.where(both, a, 7.0))
     assert np.array_equal(out[LANES:].reshape(2, LANES), [np.where(either, a, b), np.where(opposite, a, b)])
 
@@ -146,12 +146,12 @@ print(hashlib.sha256(simulator.pose.tobytes() + simulator.velocity.tobytes()).he
 
 def test_bits_do_not_depend_on_the_width_of_registers():
     """As far as one processor can show: what is written for AVX-512 is split for others, in the same order."""
-    found = {
+    results = {
         subprocess.run(
             [sys.executable, "-W", "ignore", "-c", SCENE], env={**os.environ, "VIBGYM_VECTOR": width},
             capture_output=True, text=True, check=True,
         ).stdout
         for width in ("4", "8")
     }  # fmt: skip
-    assert len(found) == 1
+    assert len(results) == 1
     assert LANES == 8 and WIDTH in (4, 8)

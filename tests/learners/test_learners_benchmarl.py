@@ -109,17 +109,17 @@ def ran(tmp_path_factory):
 
 @pytest.mark.parametrize("name", ["Mappo", "Ippo", "Maddpg", "Iddpg", "Masac", "Isac"])
 def test_algorithms_of_continuous_actions_learn_within_the_bounds(ran, name):
-    found, collected = ran
-    about = found[name]
+    results, collected = ran
+    about = results[name]
     assert about["finite"] and about["learned"] and about["frames"] == 128 and about["steps"] == 750
     assert about["groups"] == {"parts": ["part_0", "part_1"]} and about["observed"] == [["parts", "observation"]]
     assert collected[name].shape == (4, 16, 2, 3) and np.abs(collected[name]).max() <= 1.0
 
 
 def test_parts_share_weights_unless_this_is_switched_off_and_the_end(ran):
-    found, _ = ran
-    assert found["Mappo"]["same"] and not found["own"]["same"]
-    assert found["done"] == [[4, 16, 2, 1], [4, 16, 1]]  # the end of a world is that of all its parts
+    results, _ = ran
+    assert results["Mappo"]["same"] and not results["own"]["same"]
+    assert results["done"] == [[4, 16, 2, 1], [4, 16, 1]]  # the end of a world is that of all its parts
 
 
 def test_the_seed_of_the_experiment_is_that_of_the_worlds(ran):
@@ -132,7 +132,7 @@ def test_the_seed_of_the_experiment_is_that_of_the_worlds(ran):
 
 
 def test_absent_parts_are_samples_without_reward(ran):
-    found, collected = ran
+    results, collected = ran
     absent = ~collected["mask"][..., 0]
-    assert found["absent"]["finite"] and found["absent"]["groups"] == {"parts": [f"part_{k}" for k in range(6)]}
+    assert results["absent"]["finite"] and results["absent"]["groups"] == {"parts": [f"part_{k}" for k in range(6)]}
     assert absent.any() and not collected["rows"][absent].any() and not collected["reward"][absent].any()

@@ -109,45 +109,49 @@ def reported(directory, *arguments):
 
 def test_frames_are_those_of_the_recording_and_rollouts_repeat_them(tmp_path):
     """Bit for bit: in LeRobot's reader, and in its rollout of the recorded actions from the recorded seeds."""
-    given = {"dataset": NAME, "task": "Align", "policy": {"kind": "pose", "action": "wrench"}, "observation": "parts",
+    settings = {"dataset": NAME, "task": "Align", "policy": {"kind": "pose", "action": "wrench"}, "observation": "parts",
              "episodes": 3, "worlds": 3, "first_seed": 1_000_007, "directory": str(tmp_path)}  # fmt: skip
-    record(RecordSettings.model_validate(given), quiet=True)
+    record(RecordSettings.model_validate(settings), quiet=True)
     with kept_in(str(tmp_path)):
         data = minari.load_dataset(NAME)
     output = tmp_path / "exported"
     run(tmp_path, "-m", "agents", "export", NAME, "--datasets", tmp_path, "--output", output, "--quiet")
-    found = reported(tmp_path, "-c", READ, output, tmp_path / "columns.npz")
+    contents = reported(tmp_path, "-c", READ, output, tmp_path / "columns.npz")
     episodes = list(data.iterate_episodes())
-    assert found["fps"] == 25 and found["episodes"] == 3 and found["window"] == [4, 3]
-    assert found["tasks"] == [found["task"]] and found["task"].startswith("Align: The centre within 2 mm")
+    assert contents["fps"] == 25 and contents["episodes"] == 3 and contents["window"] == [4, 3]
+    assert contents["tasks"] == [contents["task"]] and contents["task"].startswith("Align: The centre within 2 mm")
     with np.load(tmp_path / "columns.npz") as columns:
-        rows = np.concatenate([each.observations["parts"][:-1].reshape(len(each.rewards), -1) for each in episodes])
-        mask = np.concatenate([each.observations["mask"][:-1] for each in episodes])
-        ends = np.cumsum([len(each.rewards) for each in episodes]) - 1
+        rows = np.concatenate(
+            [episode.observations["parts"][:-1].reshape(len(episode.rewards), -1) for episode in episodes]
+        )
+        mask = np.concatenate([episode.observations["mask"][:-1] for episode in episodes])
+        ends = np.cumsum([len(episode.rewards) for episode in episodes]) - 1
         expected = {
             "observation.state": rows,
             "observation.environment_state": np.hstack((rows, mask)).astype(np.float32),
-            "action": np.concatenate([each.actions for each in episodes]),
-            "next.reward": np.concatenate([each.rewards for each in episodes]),
+            "action": np.concatenate([episode.actions for episode in episodes]),
+            "next.reward": np.concatenate([episode.rewards for episode in episodes]),
             "next.done": np.isin(np.arange(len(rows)), ends),
             "index": np.arange(len(rows)),
-            "timestamp": np.concatenate([np.arange(len(each.rewards)) / 25 for each in episodes]).astype(np.float32),
+            "timestamp": np.concatenate([np.arange(len(episode.rewards)) / 25 for episode in episodes]).astype(
+                np.float32
+            ),
         }
         for key, values in expected.items():
             assert columns[key].dtype == values.dtype and np.array_equal(columns[key], values), key
-        kept = [bool(each["success"]) for each in data.storage.get_episode_metadata(range(3))]
+        kept = [bool(episode["success"]) for episode in data.storage.get_episode_metadata(range(3))]
         assert columns["next.success"][ends].tolist() == kept and columns["next.success"].sum() == sum(kept)
-        assert np.allclose(found["mean"], expected["action"].mean(axis=0), atol=1e-6)
+        assert np.allclose(contents["mean"], expected["action"].mean(axis=0), atol=1e-6)
     width = rows.shape[1]
-    assert found["item"]["observation.state"] == [width] and found["item"]["observation.environment_state"] == [
+    assert contents["item"]["observation.state"] == [width] and contents["item"]["observation.environment_state"] == [
         width + 1
     ]
-    dtype, shape, names = found["features"]["observation.state"]
+    dtype, shape, names = contents["features"]["observation.state"]
     assert (dtype, shape, names[0], len(set(names))) == ("float32", [width], "part_0.friction", width)
     origin = json.loads((output / "meta/vibgym.json").read_text())
     assert origin["seeds"] == [1_000_007, 1_000_008, 1_000_009] and origin["ref_max_score"] == pytest.approx(
         data.storage.metadata["ref_max_score"]
     )
     rolled = reported(tmp_path, "-c", ROLL, tmp_path / "columns.npz", json.dumps(origin["seeds"]))
-    assert rolled["same"] == [True] * 6 and rolled["task"] == [found["task"]] * 3 and rolled["fps"] == 25
+    assert rolled["same"] == [True] * 6 and rolled["task"] == [contents["task"]] * 3 and rolled["fps"] == 25
     assert rolled["features"] == {"action": [3], "agent_pos": [width], "environment_state": [width + 1]}

@@ -105,7 +105,7 @@ def test_overlap_with_a_wall_within_the_step(spin):
         enter(island, pose, velocity)
         h, touching = placed_step(island, np.array([[0, -1]]), LONGEST)
         deepest = min(
-            gap_to_the_left(part, *each[0]) for each in pose + np.linspace(0, h, 50)[:, None, None] * velocity
+            gap_to_the_left(part, *place[0]) for place in pose + np.linspace(0, h, 50)[:, None, None] * velocity
         )
         assert deepest >= -(approach.SLOWLY * OVERLAP + 1e-9)
         assert touching or deepest > 0.0

@@ -145,9 +145,9 @@ def test_corners_and_edges_on_grid_lines(corners):
 @pytest.mark.parametrize("split", [1, 4])
 def test_part_that_covers_the_surface(split):
     weight, x, y, element, _ = cut([(-1, -1), (2, -1), (2, 3), (-1, 3)], rows=2, columns=3, split=split, centre=(0, 0))
-    for each in range(6):
-        here = element == each
-        j, i = each % 3, each // 3
+    for row in range(6):
+        here = element == row
+        j, i = row % 3, row // 3
         w, px, py = weight[here], x[here], y[here]
         assert w.sum() == pytest.approx(1 / 6, rel=1e-12)
         assert w @ px / w.sum() == pytest.approx((j + 0.5) * PITCH, rel=1e-12)

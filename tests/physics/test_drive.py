@@ -144,7 +144,7 @@ def nearest(centre, candidates, row, column):
 def clear_cut(centre, row, column):
     """Return whether the nearest centre is unique within rounding."""
     at = ((column + 0.5) * SIZE, (row + 0.5) * SIZE)
-    ways = sorted(math.dist(each, at) for each in centre)
+    ways = sorted(math.dist(other, at) for other in centre)
     return all(far - near > 1e-9 for near, far in zip(ways, ways[1:], strict=False))
 
 

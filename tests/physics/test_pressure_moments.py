@@ -118,10 +118,10 @@ def test_eight_kinds_at_once_against_the_scalar_cut(pose, seed):
             w = weight * pressure
             m10, m20 = w @ z, w @ (z * z)
             expected = [w.sum(), w @ abs(z) ** 2, m10.real, m10.imag, m20.real, m20.imag]
-            found = moments[k::3, lane][[0, 1, 3, 4, 7, 8]] / [1.0, size**2, size, size, size**2, size**2]
+            integrals = moments[k::3, lane][[0, 1, 3, 4, 7, 8]] / [1.0, size**2, size, size, size**2, size**2]
             # Pieces below 1e-11 of the part are omitted; rounding is relative to the element.
             bound = 2e-10 * max(1.0, (SURFACE.element_size / size) ** 2) * SURFACE.gravity
-            assert found == pytest.approx(expected, abs=bound), (lane, k)
+            assert integrals == pytest.approx(expected, abs=bound), (lane, k)
 
 
 @given(poses, st.integers(0, 9))

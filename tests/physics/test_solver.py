@@ -26,9 +26,9 @@ def solved(island, pairs, h, undo):
     island = reference(island)
     begin_contacts(island)
     island.contacts.close[:] = True
-    found, gap = find_contacts(island, pairs, pairs.shape[0], h)
-    solve(island, found, h, undo)
-    return found, gap
+    count, gap = find_contacts(island, pairs, pairs.shape[0], h)
+    solve(island, count, h, undo)
+    return count, gap
 
 
 def by_pymunk(parts, pose, velocity):
@@ -63,10 +63,10 @@ def test_velocities_agree_with_pymunk(seed):
     island = island_of(parts, ())
     enter(island, pose, velocity)
     pairs = np.array([[0, 1], [0, 2], [0, 3], [1, 3]])
-    found, gap = solved(island, pairs, H, False)
+    count, gap = solved(island, pairs, H, False)
     lanes = island.scene.workspace.pose.shape[1] // 3
     mine = island.scene.workspace.velocity[0].reshape(3, lanes)[:, :4].T
-    assert found == 4 and gap == pytest.approx(-OVERLAP, rel=1e-4)
+    assert count == 4 and gap == pytest.approx(-OVERLAP, rel=1e-4)
     # pymunk's lever arms end on either surface, 4 um apart, 2e-4 of a radius.
     np.testing.assert_allclose(mine * SCALE, by_pymunk(parts, pose, velocity) * SCALE, atol=1e-4)
     mass = np.array([part.mass for part in parts])

@@ -157,15 +157,15 @@ def test_implicit_slip_is_the_minimum(given_points, rx, ry, rw):
         inertia = 0.5 * ((sx - rx) ** 2 + (sy - ry) ** 2 + k2 * (spin - rw) ** 2)
         return inertia + power(load, x, y, sx, sy, spin)
 
-    found = np.array(implicit_slip(load, total, x, y, len(x), k2, rx, ry, rw, 0.0, 0.0, 0.0))
+    slip = np.array(implicit_slip(load, total, x, y, len(x), k2, rx, ry, rw, 0.0, 0.0, 0.0))
     scale = np.array([1.0, 1.0, 1.0 / math.sqrt(k2)])
-    here, tolerance = energy(found), 1e-8 * (1.0 + rx * rx + ry * ry + k2 * rw * rw)
+    here, tolerance = energy(slip), 1e-8 * (1.0 + rx * rx + ry * ry + k2 * rw * rw)
     rng = np.random.default_rng(0)
     for size in (1e-3, 1e-2, 0.1, 1.0):
         for direction in rng.standard_normal((30, 3)):
-            assert energy(found + size * scale * direction) >= here - tolerance
+            assert energy(slip + size * scale * direction) >= here - tolerance
     assert here <= energy(np.zeros(3)) + tolerance
-    best = minimize(lambda z: energy(z * scale), found / scale, method="Nelder-Mead", options={"maxiter": 400})
+    best = minimize(lambda z: energy(z * scale), slip / scale, method="Nelder-Mead", options={"maxiter": 400})
     assert best.fun >= here - tolerance
 
 

@@ -63,6 +63,6 @@ class Outcome(NamedTuple):
 
 def episodes(policy: Any, name: str, worlds: int = 100, first: int = FRESH, **settings: Any) -> Outcome:
     """Run a policy for one episode in each world."""
-    found = rollout(policy, name, seeds=range(first, first + worlds), keep=Measures, **settings)
-    time = found.time_to_goal[found.success].mean() if found.success.any() else math.nan
-    return Outcome(int(found.success.sum()), float(time), float(np.nan_to_num(found.collisions).mean()))
+    result = rollout(policy, name, seeds=range(first, first + worlds), keep=Measures, **settings)
+    time = result.time_to_goal[result.success].mean() if result.success.any() else math.nan
+    return Outcome(int(result.success.sum()), float(time), float(np.nan_to_num(result.collisions).mean()))

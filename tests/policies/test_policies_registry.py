@@ -105,7 +105,7 @@ def test_the_file_of_a_trained_policy_may_be_a_path():
     path = pathlib.Path(vibgym.__file__).parent / "policies/trained/shipped/align.json"
     env = gym.make("vibgym/Align-v0", action="wrench", observation="parts")
     seen, _ = env.reset(seed=0)
-    actions = [make_policy(each, env).predict(seen)[0] for each in (path, str(path), {"kind": "trained", "path": path})]
+    actions = [make_policy(spec, env).predict(seen)[0] for spec in (path, str(path), {"kind": "trained", "path": path})]
     assert (actions[0] == actions[1]).all() and (actions[0] == actions[2]).all()
 
 
@@ -181,8 +181,8 @@ def test_a_registered_law_is_a_controller(custom_law):
 def test_missing_leads_are_measured(name):
     info = info_of("Transport")
     law = laws()[name](info)
-    given, law.lead = law.lead, None
-    assert lead_of(law, info, 0.1) == pytest.approx(given, rel=1e-6)
+    lead, law.lead = law.lead, None
+    assert lead_of(law, info, 0.1) == pytest.approx(lead, rel=1e-6)
 
 
 def test_a_law_without_braking_requires_a_lead(custom_law):

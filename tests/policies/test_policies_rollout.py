@@ -38,15 +38,15 @@ class Bare:
 
 def test_a_name_is_enough():
     reported: list[int] = []
-    found = rollout("local_field", "vibgym/Align-v0", seeds=SEEDS, progress=reported.append)
-    assert found.success.all() and sum(reported) == len(SEEDS) and found.seeds == tuple(SEEDS)
+    result = rollout("local_field", "vibgym/Align-v0", seeds=SEEDS, progress=reported.append)
+    assert result.success.all() and sum(reported) == len(SEEDS) and result.seeds == tuple(SEEDS)
     short = rollout("local_field", "Align", seeds=SEEDS)
-    assert (short.steps == found.steps).all() and (short.returns == found.returns).all()
+    assert (short.steps == result.steps).all() and (short.returns == result.returns).all()
 
 
 def test_a_model_with_a_given_action():
-    found = rollout(Bare(), "Align", seeds=SEEDS, max_episode_steps=3, **SMALL)
-    assert (found.steps <= 3).all() and not found.success.any()
+    result = rollout(Bare(), "Align", seeds=SEEDS, max_episode_steps=3, **SMALL)
+    assert (result.steps <= 3).all() and not result.success.any()
 
 
 @pytest.mark.parametrize("worlds", [1, 2, 6])

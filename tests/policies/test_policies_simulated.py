@@ -108,7 +108,7 @@ def choice_of(*policies, **settings):
 ])  # fmt: skip
 def test_one_policy_alone_is_unchanged(task, policy):
     seeds = SEEDS if task == "Align" else SEEDS[:2]
-    alone, chosen = (rollout(each, task, seeds=seeds) for each in (policy, choice_of(policy, every=7, horizon=3)))
+    alone, chosen = (rollout(player, task, seeds=seeds) for player in (policy, choice_of(policy, every=7, horizon=3)))
     assert chosen.success.all()
     np.testing.assert_array_equal(chosen.returns, alone.returns)
     np.testing.assert_array_equal(chosen.steps, alone.steps)
@@ -165,8 +165,8 @@ def test_a_policy_takes_over_when_the_other_fails_later():
     info = info_of("Align", action="velocity")
     law = make_policy({"kind": "pose", "action": "velocity"}, info)
     assert not rollout(Slack(law), "Align", seeds=SEEDS).success.any()
-    found = rollout(choice_of(Slack(law), law, every=3, horizon=100), "Align", seeds=SEEDS)
-    assert found.success.all() and (found.steps <= rollout(law, "Align", seeds=SEEDS).steps).all()
+    result = rollout(choice_of(Slack(law), law, every=3, horizon=100), "Align", seeds=SEEDS)
+    assert result.success.all() and (result.steps <= rollout(law, "Align", seeds=SEEDS).steps).all()
 
 
 @pytest.mark.parametrize("task, policies", [
@@ -175,10 +175,10 @@ def test_a_policy_takes_over_when_the_other_fails_later():
 ])  # fmt: skip
 def test_it_is_faster_than_its_policies(task, policies):
     seeds = SEEDS if task == "Push" else SEEDS[:4]
-    alone = [rollout(each, task, seeds=seeds) for each in policies]
+    alone = [rollout(policy, task, seeds=seeds) for policy in policies]
     chosen = rollout(choice_of(*policies, every=10), task, seeds=seeds)
     assert chosen.success.all()
-    assert chosen.steps.mean() < min(each.steps.mean() for each in alone)
+    assert chosen.steps.mean() < min(run.steps.mean() for run in alone)
 
 
 def test_worlds_are_on_their_own():
@@ -191,7 +191,10 @@ def test_worlds_are_on_their_own():
         action, after = policy.predict(seen, state, start)
         for world in range(3):
             rows = np.array([world])
-            here, own = ({name: each[of] for name, each in seen.items()} for of in (rows, world)), rows_of(state, rows)
+            here, own = (
+                ({name: values[of] for name, values in seen.items()} for of in (rows, world)),
+                rows_of(state, rows),
+            )
             begins = None if start is None else start[rows]
             for part in here:  # a batch of one world, and a single environment
                 np.testing.assert_array_equal(np.ravel(policy.predict(part, own, begins)[0]), action[world])

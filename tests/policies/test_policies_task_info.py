@@ -71,4 +71,4 @@ def test_it_is_read_only_and_independent_of_the_episode():
     assert (env.unwrapped.task.zones == zones).all() and info.zones is not env.unwrapped.task.zones
     held = {id(value) for value in vars(info).values()}
     core = env.unwrapped.core
-    assert not held & {id(each) for each in (core, core.task, core.episode, core.simulator, core.observation.layout)}
+    assert not held & {id(owner) for owner in (core, core.task, core.episode, core.simulator, core.observation.layout)}

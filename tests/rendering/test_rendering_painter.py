@@ -84,10 +84,10 @@ def test_arrow_points_where_the_element_pushes(bare, phase):
     tile = picture[row - 14 : row + 15, column - 14 : column + 15].astype(float)
     darkness = (0.6 * tile.max() - tile.mean(axis=-1)).clip(0.0)
     down, right = np.meshgrid(np.arange(-14, 15), np.arange(-14, 15), indexing="ij")
-    found = np.array([(darkness * right).sum(), -(darkness * down).sum()]) / darkness.sum()
+    arrow = np.array([(darkness * right).sum(), -(darkness * down).sum()]) / darkness.sum()
     push = np.array([-np.sin(phase), -np.cos(phase)])
-    assert found @ push > 4.0
-    assert abs(found[0] * push[1] - found[1] * push[0]) < 1.0
+    assert arrow @ push > 4.0
+    assert abs(arrow[0] * push[1] - arrow[1] * push[0]) < 1.0
 
 
 def dark_at(picture, reference, at):
@@ -131,7 +131,7 @@ def test_scenery_determines_the_content_of_views():
         view = scenery.view(pose, present, goal, REST, trail, "said")
         np.testing.assert_array_equal(view.pose, [pose[0], [np.nan] * 3])
         assert (view.zones, view.tolerance, view.caption) == (zones, 0.002, "said")
-        assert [np.isfinite(each).sum() for each in view.trails] == [8, 0]
+        assert [np.isfinite(points).sum() for points in view.trails] == [8, 0]
         if size:
             np.testing.assert_array_equal(view.goals, [goal[0, :size], [np.nan] * size])
         else:

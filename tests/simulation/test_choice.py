@@ -27,12 +27,12 @@ def test_the_cheapest_sufficient_candidate_is_chosen(kind, periods_per_call):
     """Brute force over the evidence, for every class and a sweep of tolerances."""
     surface = Surface(rows=1, columns=1, element_size=1.0) if kind == "one element" else SURFACE
     part = Part.rectangle(0.05, 0.035, friction=8.0) if kind == "stick-slip" else BLOCK
-    found = choice.class_of(choice.traits(surface, part))
-    assert found["kind"] == kind
+    entry = choice.class_of(choice.traits(surface, part))
+    assert entry["kind"] == kind
     previous = math.inf
     for tolerance in np.geomspace(1e-6, 1e-1, 26):
         able = [
-            row for row in found["rows"]
+            row for row in entry["rows"]
             if row["error"] is not None and choice.MARGIN * row["error"] * surface.horizontal_amplitude <= tolerance
             and row["knobs"].get("stride", 1) <= periods_per_call
         ]  # fmt: skip
@@ -51,8 +51,8 @@ def test_a_scene_takes_a_class_that_is_at_least_as_hard():
     for friction in (0.05, 0.3, 0.58, 1.2, 3.0):
         for length in (0.008, 0.02, 0.05, 0.2):
             scene = choice.traits(SURFACE, Part.rectangle(length, 0.7 * length, friction=friction))
-            found = choice.class_of(scene)
-            assert found["kind"] == scene.kind and found["eps"] >= scene.eps and found["scale"] <= scene.scale
+            entry = choice.class_of(scene)
+            assert entry["kind"] == scene.kind and entry["eps"] >= scene.eps and entry["scale"] <= scene.scale
     double = Surface(element_size=0.052, horizontal_amplitude=5.4e-3, frequency=25.0 / math.sqrt(2))
     alike = choice.traits(double, Part.rectangle(0.10, 0.07, friction=0.58))
     same = choice.traits(SURFACE, Part.rectangle(0.05, 0.035, friction=0.58))
@@ -64,10 +64,10 @@ def test_a_scene_takes_a_class_that_is_at_least_as_hard():
 def test_the_evidence_is_complete():
     stored = choice.evidence()
     assert stored["periods"] == choice.PERIODS
-    for each in stored["classes"]:
-        models = {row["model"] for row in each["rows"]}
-        assert models == ({"planar"} if each["kind"] == "stick-slip" else {"planar", "averaged"})
-        for row in each["rows"]:
+    for entry in stored["classes"]:
+        models = {row["model"] for row in entry["rows"]}
+        assert models == ({"planar"} if entry["kind"] == "stick-slip" else {"planar", "averaged"})
+        for row in entry["rows"]:
             assert row["us_per_period"] >= 0.0 and row["us_per_call"] >= 0.0
             assert row["error"] is None or 0.0 <= row["error"] <= (row["error_95"] or math.inf)
 

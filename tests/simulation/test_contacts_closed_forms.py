@@ -78,7 +78,7 @@ def check_blow(parts, pose, velocity, periods=10):
     late = blow(parts, pose, velocity, periods * PERIOD, late=LATE)
     short = blow(parts, pose, velocity, periods * PERIOD, short=LATE)
     for got, right, *wrong in zip(measured, exact, late, short):
-        bound = sum(np.abs(each - right).max() for each in wrong)
+        bound = sum(np.abs(value - right).max() for value in wrong)
         assert np.abs(got - right).max() <= 1.05 * bound + 1e-11
     return measured
 
@@ -147,7 +147,7 @@ def rebound(part, friction, spin, place, towards, late=0.0, short=0.0):
 @pytest.mark.parametrize("friction, spin", [(0.0, 4.0), (0.1, 0.0), (3.0, 0.0), (0.2, 40.0)])
 def test_disc_on_a_wall(wall, restitution, friction, spin):
     """A wall has the restitution and friction of the part that touches it."""
-    place, towards = (np.array(each) for each in BY_WALL[wall])
+    place, towards = (np.array(vector) for vector in BY_WALL[wall])
     part = disc(restitution=restitution, contact_friction=friction, mass=0.03)
     parts = [part, disc(restitution=0.9, contact_friction=0.7)]
     start = [*(0.5 * towards + 0.1 * np.array([-towards[1], towards[0]])), spin]
@@ -155,7 +155,7 @@ def test_disc_on_a_wall(wall, restitution, friction, spin):
     scene = (part, friction, spin, place, towards)
     exact, late, short = rebound(*scene), rebound(*scene, late=LATE), rebound(*scene, short=LATE)
     for got, right, *wrong in zip(after, exact, late, short):
-        bound = sum(np.abs(each - right).max() for each in wrong)
+        bound = sum(np.abs(value - right).max() for value in wrong)
         assert np.abs(got[0] - right).max() <= 1.05 * bound + 1e-11
     assert (after[1][1] == 0.0).all()
 

@@ -87,9 +87,9 @@ def test_an_interrupted_step_leaves_no_trace(monkeypatch):
         patched.setattr(pymunk.Space, "step", interrupted)
         with pytest.raises(KeyboardInterrupt):
             simulator.advance(*fields, 5)
-    for each in (simulator, sound):
-        each.set_state(state)
-        each.advance(*fields, 5)
+    for sim in (simulator, sound):
+        sim.set_state(state)
+        sim.advance(*fields, 5)
     assert same(snapshot(simulator), snapshot(sound))
 
 

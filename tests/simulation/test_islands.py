@@ -94,9 +94,9 @@ def test_counts_are_those_of_islands():
     fields = random_fields(SURFACE, 1, seed=5)
     kinds = np.zeros(4, np.int64)
     both = advanced(kinds, pose, velocity, 3, fields, []).statistics
-    each = [advanced(kinds[k : k + 2], pose[k : k + 2], velocity[k : k + 2], 3, fields, []).statistics for k in (0, 2)]
-    assert both["contact_steps"] == sum(one["contact_steps"] for one in each)
-    assert both["contact"] == max(one["contact"] for one in each)
+    alone = [advanced(kinds[k : k + 2], pose[k : k + 2], velocity[k : k + 2], 3, fields, []).statistics for k in (0, 2)]
+    assert both["contact_steps"] == sum(one["contact_steps"] for one in alone)
+    assert both["contact"] == max(one["contact"] for one in alone)
 
 
 # -- islands that meet within a period -------------------------------------------------------------------------------------
@@ -154,7 +154,7 @@ def test_near_pairs_are_complete(seed, count, spread, walls):
     circles.x[rng.random(count) < 0.1] = 0.5
     pairs = np.empty((pair_capacity(count), 2), np.int64)
     n = found_pairs(STILL.table(()), walls, circles, count, pairs)
-    found = [tuple(sorted(pair)) if pair[1] >= 0 else tuple(pair) for pair in pairs[:n].tolist()]
+    near = [tuple(sorted(pair)) if pair[1] >= 0 else tuple(pair) for pair in pairs[:n].tolist()]
     place = np.column_stack([circles.x, circles.y])
     expected = {
         (i, j)
@@ -165,4 +165,4 @@ def test_near_pairs_are_complete(seed, count, spread, walls):
     for i, (x, y) in enumerate(place):
         away = (x, 1.0 - x, y, 1.0 - y)
         expected |= {(i, -1 - k) for k in range(4) if walls >> k & 1 and away[k] <= circles.reach[i]}
-    assert len(found) == len(set(found)) and set(found) == expected
+    assert len(near) == len(set(near)) and set(near) == expected

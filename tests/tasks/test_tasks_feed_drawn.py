@@ -114,7 +114,7 @@ def test_stable_poses_of_a_plate_with_holes(tmp_path):
     assert list(dict.fromkeys(names)) == ["up", "down", "other"] and len(settings["probabilities"]) == 4
     up, down, *others = settings["probabilities"]
     assert up == pytest.approx(down) and sum(settings["probabilities"]) == pytest.approx(1.0)
-    assert names.count("up") == enough(6, up) and names.count("other") == sum(enough(6, each) for each in others)
+    assert names.count("up") == enough(6, up) and names.count("other") == sum(enough(6, other) for other in others)
     for part in made["parts"]:
         assert np.ptp(part.rim[:, 0]) > np.ptp(part.rim[:, 1])  # lengthwise
     with pytest.raises(ValueError, match="friction alone tips 'other'"):

@@ -37,12 +37,12 @@ def test_lattices_are_on_the_surface_with_their_gap(parts, settings):
     pattern = made(Pattern, SURFACE, parts, **settings)
     goals = pattern.draw(np.random.default_rng(1).random((40, pattern.draws)))
     gap = settings.get("gap_mm", 2.0) * 1e-3
-    for each in goals:
+    for goal in goals:
         of = [parts[int(np.flatnonzero(pattern._kind == kind)[0])] for kind in pattern.of_kind]
-        least = gaps_between(of, each[None])[0].min()
+        least = gaps_between(of, goal[None])[0].min()
         assert gap - 1e-9 <= least  # equal to the gap for equal parts
         assert len({part.name for part in parts}) > 1 or least == pytest.approx(gap)
-        reach = corners(of, each)
+        reach = corners(of, goal)
         assert (reach > -1e-9).all() and (reach < np.array([SURFACE.width, SURFACE.depth]) + 1e-9).all()
     assert np.ptp(goals[:, 0, 0]) > 0.25  # drawn along the table
 
@@ -63,7 +63,7 @@ def test_free_goals_are_assigned_at_the_least_cubed_distance():
         cost = lambda goal: (np.hypot(*(goal - start.pose[0])[:, :2].T) ** 3).sum()  # noqa: E731, B023
         own = [np.flatnonzero(task.kind == kind) for kind in range(2)]
         least = math.inf
-        for first, second in itertools.product(*(itertools.permutations(each) for each in own)):
+        for first, second in itertools.product(*(itertools.permutations(group) for group in own)):
             goal = start.goal[0].copy()
             goal[own[0]], goal[own[1]] = start.goal[0][list(first)], start.goal[0][list(second)]
             least = min(least, cost(goal))

@@ -100,21 +100,21 @@ def rollouts(results):
 
 
 @pytest.fixture(scope="session")
-def found(tmp_path_factory):
+def basic(tmp_path_factory):
     """Results of three policies on two tasks."""
     return evaluated(PLAIN, tmp_path_factory.mktemp("evaluation") / "new" / "report")
 
 
 @pytest.fixture(scope="session")
-def played(found):
+def played(basic):
     """Its episodes with all poses."""
-    return rollouts(found)
+    return rollouts(basic)
 
 
 @pytest.fixture(scope="session")
-def written(found):
+def written(basic):
     """Directory with its files."""
-    return report.write(found, quiet=True)[0].parent
+    return report.write(basic, quiet=True)[0].parent
 
 
 @pytest.fixture(scope="session")

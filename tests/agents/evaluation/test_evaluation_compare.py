@@ -30,7 +30,9 @@ def runs(tmp_path_factory):
     tensors, record = load_set(SHIPPED / "transport.json", KIND, VERSION)
     kept = {key: value for key, value in record.items() if key not in ("format", "version", "tensors", "sha256")}
     for seed, strength in ((3, 1.0), (4, 0.5)):
-        own = {name: np.float32(strength if name.startswith("mean.") else 1.0) * each for name, each in tensors.items()}
+        own = {
+            name: np.float32(strength if name.startswith("mean.") else 1.0) * tensor for name, tensor in tensors.items()
+        }
         save_set(directory / f"transport-{seed}.json", KIND, own, kept, VERSION)
         (directory / f"curve-{seed}.csv").write_text(CURVE)
     return directory
@@ -57,12 +59,12 @@ def settings(runs):
 
 
 @pytest.fixture(scope="module")
-def found(settings, runs):
+def results(settings, runs):
     return evaluated(settings, runs / "out", ComparisonSettings)
 
 
-def test_runs_stand_together_and_apart(found):
-    every = rows(found)
+def test_runs_stand_together_and_apart(results):
+    every = rows(results)
     known = {(row["policy"], row["training_seed"]): row for row in every}
     both, first, second, once, pose, zero = known.values()
     assert list(known) == [
@@ -78,27 +80,27 @@ def test_runs_stand_together_and_apart(found):
     assert once["over_bound_iqm"] < second["over_bound_iqm"]
     # Learned and hybrid policies stand against the best classical one.
     assert {place: row["policy"] for place, row in best_classical(every).items()} == {("Transport", "ideal"): "pose"}
-    pairs = [(pair["first"], pair["second"], pair["runs"]) for pair in differences(found, every)]
+    pairs = [(pair["first"], pair["second"], pair["runs"]) for pair in differences(results, every)]
     assert pairs == [("two <seeds>", "pose", 2), ("once", "pose", 1)]
-    (ladder,) = ladders(found, every)
+    (ladder,) = ladders(results, every)
     steps = [(step["policy"], step["action"], step["steps"]) for step in ladder["steps"]]
     assert steps == [("two <seeds>", "wrench", [9000, 9000]), ("once", "wrench", [9000])]
 
 
-def test_a_cell_holds_what_was_found_or_why_nothing_was(found):
-    learned, pose, refused, _ = study_rows(found, "generalisation.0", found.settings.generalisation[0])
+def test_a_cell_holds_what_was_found_or_why_nothing_was(results):
+    learned, pose, refused, _ = study_rows(results, "generalisation.0", results.settings.generalisation[0])
     assert (learned["runs"], learned["episodes"], learned["refusal"]) == (2, 3, "")
     assert "rotate-3.json" in refused["refusal"] and np.isnan(refused["success_rate"])
     assert pose["success_rate"] == 1.0
 
 
-def test_the_command_writes_files(found, settings, runs, capsys):
+def test_the_command_writes_files(results, settings, runs, capsys):
     """From the recorded episodes."""
     assert command.main(["compare", str(saved(runs, settings)), "--quiet"]) == 0
     assert "| Transport | once (hybrid) |" in capsys.readouterr().out
     folder = runs / "out"
     assert {path.name for path in folder.glob("compare.*")} == {"compare.csv", "compare.html", "compare.json"}
-    assert [row["policy"] for row in rows_of(folder / "compare.csv")] == [row["policy"] for row in rows(found)]
+    assert [row["policy"] for row in rows_of(folder / "compare.csv")] == [row["policy"] for row in rows(results)]
     content = json.loads((folder / "compare.json").read_text())
     assert [curve["training_seed"] for curve in content["curves"]] == [3, 4, None]
     assert content["settings"]["policies"]["two <seeds>"]["training_seeds"] == [3, 4]
@@ -127,15 +129,15 @@ def test_episodes_above_the_limit_of_the_cost_score_0(tmp_path):
     tasks = {"tasks": ["SwapCrowded"], "policies": ["zero", "lanes"], "episodes": 4, "task_episodes": {}}
     free = evaluated({**SMALL, **tasks}, tmp_path / "free", SuiteSettings)
     costs = {"environment": {"costs": {"impulse": 1.0}}, "cost_limit": 0.0005}
-    found = evaluated({**SMALL, **tasks, **costs}, tmp_path / "costs", SuiteSettings)
-    scores = [score(found.main, ["SwapCrowded"], cost_limit=limit)["score"].tolist() for limit in (None, 1e9, 0.0005)]
+    costly = evaluated({**SMALL, **tasks, **costs}, tmp_path / "costs", SuiteSettings)
+    scores = [score(costly.main, ["SwapCrowded"], cost_limit=limit)["score"].tolist() for limit in (None, 1e9, 0.0005)]
     assert scores[0] == scores[1] == score(free.main, ["SwapCrowded"])["score"].tolist()
     assert scores[0][1] > scores[2][1] and scores[0][0] == scores[2][0] == 0.0
-    lanes, unlimited = (score_rows(results)[0][1] for results in (found, free))
-    costs = found.main.loc[found.main["policy"] == "lanes", "cost"]
+    lanes, unlimited = (score_rows(results)[0][1] for results in (costly, free))
+    costs = costly.main.loc[costly.main["policy"] == "lanes", "cost"]
     assert lanes["cost_median"] == costs.median() > 0.0005 and np.isnan(unlimited["cost_median"])
     assert lanes["within_limit"] == (costs <= 0.0005).mean() <= 0.5 and lanes["score"] == scores[2][1]
-    for results, shown in ((found, True), (free, False)):
+    for results, shown in ((costly, True), (free, False)):
         assert ("within the limit" in write(results)[0].with_name("scores.md").read_text()) is shown
 
 

@@ -59,7 +59,7 @@ def test_the_page_is_one_of_a4_without_scripts(sheet):
     written = datasheet_page.write(sheet)
     text = written.read_text(encoding="utf-8")
     assert "<script" not in text and "&lt;block&gt;" in text and "<block>" not in text
-    assert all(each.startswith("data:image/png") for each in re.findall(r'src="([^"]*)"', text)) and len(text) < 200_000
+    assert all(src.startswith("data:image/png") for src in re.findall(r'src="([^"]*)"', text)) and len(text) < 200_000
     with chromium() as browser:
         page = browser.new_page()
         message = watch(page)
@@ -68,7 +68,7 @@ def test_the_page_is_one_of_a4_without_scripts(sheet):
         assert faults_at_all_sizes(page) == [] and message == []
     assert len(re.findall(rb"/Type\s*/Page\b", data)) == 1
     (box,) = set(re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", data))
-    assert [round(float(each) / 72.0 * 25.4) for each in box] == [210, 297]
+    assert [round(float(number) / 72.0 * 25.4) for number in box] == [210, 297]
 
 
 @pytest.mark.parametrize("content, arguments, named", [
@@ -101,10 +101,10 @@ def test_stable_poses_of_a_mesh_are_on_the_sheet(sheet, tmp_path):
     trimesh = pytest.importorskip("trimesh")
     path = tmp_path / "box.stl"
     path.write_bytes(trimesh.creation.box([40.0, 30.0, 10.0]).export(file_type="stl"))
-    given = {"part": {"file": str(path), "friction": 0.5, "tolerance_mm": 0.1}}
-    part, poses = datasheet.part_of(DatasheetSettings.checked(given))
+    data = {"part": {"file": str(path), "friction": 0.5, "tolerance_mm": 0.1}}
+    part, poses = datasheet.part_of(DatasheetSettings.checked(data))
     assert part.height == pytest.approx(0.010)
-    assert len(poses) == 6 and sum(each.probability for each in poses) == pytest.approx(1.0)
+    assert len(poses) == 6 and sum(pose.probability for pose in poses) == pytest.approx(1.0)
     lines = datasheet_page.groups(dataclasses.replace(sheet, poses=poses))["Stable poses"]
     assert [label for label, _, _ in lines] == [f"Pose {k}" for k in range(datasheet_page.MAX_POSES)]
     assert lines[0][1] == f"{100 * poses[0].probability:.1f} %" and "10 mm high" in lines[0][2]

@@ -136,8 +136,8 @@ def test_recorded_episodes_are_those_of_the_same_files_and_classes(monkeypatch, 
     entry("class", "entered_class")
     arguments = ("--import", "entered_module")
     assert rank(*arguments) == rank(*arguments) == 0 and len(played) == 2
-    found = load_entries(Path("entries"), SuiteSettings.load(Path("suite.yaml")))["trained"]
-    assert found.training_steps == STEPS  # as its file states
+    trained = load_entries(Path("entries"), SuiteSettings.load(Path("suite.yaml")))["trained"]
+    assert trained.training_steps == STEPS  # as its file states
     for number, path in enumerate((folder / "align.json", folder / "notes", folder / "notes")):
         path.write_text(path.read_text() + "\n" if path.exists() else "x")
         assert rank(*arguments) == 0 and len(played) == 3 + number

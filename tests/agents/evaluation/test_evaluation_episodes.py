@@ -36,8 +36,8 @@ def alone(policy, task, seed):
 @pytest.mark.parametrize("task, name", [
     ("Transport", "pusher"), ("Transport", "counting"), ("Align", "pusher"), ("Align", "counting"), ("Sort", "local_field"),
 ])  # fmt: skip
-def test_same_numbers_as_single_environments(found, several, played, played_several, task, name):
-    results, runs = (several, played_several) if task == "Sort" else (found, played)
+def test_same_numbers_as_single_environments(basic, several, played, played_several, task, name):
+    results, runs = (several, played_several) if task == "Sort" else (basic, played)
     run, episodes = runs[task, "ideal", name], where(results.main, task=task, policy=name)
     policy = next(case.policy for case in results.cases if case.place[1:] == (task, "ideal", name))
     for k, row in zip(range(4), episodes.to_dict("records"), strict=False):
@@ -59,8 +59,8 @@ def test_same_numbers_as_single_environments(found, several, played, played_seve
             assert np.isnan([row[key] for key in of_several]).all()
 
 
-def test_the_table_holds_what_was_recorded(found, several, played, played_several):
-    for results, runs in ((found, played), (several, played_several)):
+def test_the_table_holds_what_was_recorded(basic, several, played, played_several):
+    for results, runs in ((basic, played), (several, played_several)):
         for place, run in runs.items():
             episodes = where(results.main, **dict(zip(("task", "hardware", "policy"), place, strict=True)))
             assert episodes["seed"].tolist() == list(run.seeds)
@@ -74,13 +74,13 @@ def test_the_table_holds_what_was_recorded(found, several, played, played_severa
             np.testing.assert_allclose(episodes["time_over_bound"], times / run.bound)
             assert not (episodes["time_over_bound"] <= 1.0).any()
             assert (episodes["timed_steps"] == run.timing.world_steps).all() and (episodes["policy_s"] > 0.0).all()
-    still = where(found.main, task="Transport", policy="still <&>")
+    still = where(basic.main, task="Transport", policy="still <&>")
     assert not still["success"].any() and (still["steps"] == 250).all() and (still["timed_steps"] == 8 * 249).all()
-    assert where(found.main, task="Transport", policy="pusher")["success"].sum() >= 4  # else this shows little
+    assert where(basic.main, task="Transport", policy="pusher")["success"].sum() >= 4  # else this shows little
 
 
-def test_all_policies_and_hardware_share_starts_and_goals(found, several, played, played_several):
-    for results, runs in ((found, played), (several, played_several)):
+def test_all_policies_and_hardware_share_starts_and_goals(basic, several, played, played_several):
+    for results, runs in ((basic, played), (several, played_several)):
         for task in results.settings.tasks:
             first, *others = (run for place, run in runs.items() if place[0] == task)
             for other in others:
@@ -88,7 +88,7 @@ def test_all_policies_and_hardware_share_starts_and_goals(found, several, played
                 np.testing.assert_array_equal(first.goals[:count], other.goals)
                 np.testing.assert_array_equal(first.poses[:count, 0], other.poses[:, 0])
                 assert first.film.seed == other.film.seed or count < len(first.seeds)
-    still, broken = (played_several["Transport", *each] for each in (("ideal", "still"), ("broken", "pusher")))
+    still, broken = (played_several["Transport", *key] for key in (("ideal", "still"), ("broken", "pusher")))
     np.testing.assert_array_equal(still.poses[:4], broken.poses)
 
 
@@ -104,28 +104,28 @@ def test_effects_are_those_of_rollouts(several):
     assert cells["none", "pusher"]["successes"] > cells["all dead", "pusher"]["successes"] == 0
 
 
-def test_film_is_the_watched_episode(found, played):
+def test_film_is_the_watched_episode(basic, played):
     for place, run in played.items():
         film, world = run.film, run.seeds.index(run.film.seed)
         np.testing.assert_array_equal(film.poses.astype(np.float32), run.poses[world, : run.steps[world] + 1])
         assert film.phasors.shape == (len(film.poses), 8, 32, 2) and not film.phasors[0].any()
         labels = dict(zip(("task", "hardware", "policy"), place, strict=True))
-        assert where(found.main, **labels)["filmed"].tolist() == [seed == film.seed for seed in run.seeds]
+        assert where(basic.main, **labels)["filmed"].tolist() == [seed == film.seed for seed in run.seeds]
         if place[0] == "Transport":  # the farthest goal of the first worlds
             displacement = np.hypot(*(run.goals - run.poses[:, 0])[:, 0, :2].T)
             assert world == displacement.argmax()
     assert played["Align", "ideal", "pusher"].film.phasors[1].any()
 
 
-def distances(found, task, poses):
+def distances(results, task, poses):
     """Distances (steps, pairs) between the outlines, m; 0 where they overlap, inf of absent parts."""
-    outlines = [shapely.Polygon(part.outline) for part in found.tasks[task].parts]
+    outlines = [shapely.Polygon(part.outline) for part in results.tasks[task].parts]
     one, other = np.triu_indices(len(outlines), 1)
     result = np.full((len(poses), len(one)), math.inf)
     for step, pose in enumerate(poses.astype(np.float64)):
         placed = [
-            affinity.translate(affinity.rotate(outline, each[2], origin=(0, 0), use_radians=True), each[0], each[1])
-            for outline, each in zip(outlines, pose, strict=True)
+            affinity.translate(affinity.rotate(outline, row[2], origin=(0, 0), use_radians=True), row[0], row[1])
+            for outline, row in zip(outlines, pose, strict=True)
         ]
         result[step] = [placed[i].distance(placed[j]) for i, j in zip(one, other, strict=True)]
     return result
@@ -189,11 +189,11 @@ def test_there_were_collisions_and_successes(played_several):
 
 def test_absent_parts_leave_no_trace(several):
     policy = next(case.policy for case in several.cases if case.place[1:] == SEVERAL[0])
-    found = rollout(policy, "Sort", seeds=range(12), keep=Log, randomize={"parts": [1, 3]})
-    present = np.isfinite(found.poses[:, 0, :, 0])
+    result = rollout(policy, "Sort", seeds=range(12), keep=Log, randomize={"parts": [1, 3]})
+    present = np.isfinite(result.poses[:, 0, :, 0])
     counts = present.sum(axis=1)
     assert set(counts.tolist()) == {1, 2, 3}
-    assert (np.isfinite(found.poses[..., 0]).any(axis=1) == present).all()
-    assert (found.path_lengths[~present] == 0.0).all() and (found.parts_done <= counts).all()
-    assert (np.isnan(found.clearance) == (counts == 1)).all() and (found.collisions[counts == 1] == 0).all()
-    assert (found.parts_done[found.success] == counts[found.success]).all()
+    assert (np.isfinite(result.poses[..., 0]).any(axis=1) == present).all()
+    assert (result.path_lengths[~present] == 0.0).all() and (result.parts_done <= counts).all()
+    assert (np.isnan(result.clearance) == (counts == 1)).all() and (result.collisions[counts == 1] == 0).all()
+    assert (result.parts_done[result.success] == counts[result.success]).all()

@@ -27,12 +27,12 @@ def scenery_at(results, place):
 @pytest.fixture
 def filmed(monkeypatch):
     """Returns the painted frames of a film, its interval, and the file, its frames and their durations, ms."""
-    given = []
-    monkeypatch.setattr(films, "gif", lambda *arguments: given.append(arguments) or gif(*arguments))
+    calls = []
+    monkeypatch.setattr(films, "gif", lambda *arguments: calls.append(arguments) or gif(*arguments))
 
     def film_of(film, scenery, form=films.PAGE):
         data = films.film_gif(film, scenery, 0.04, form)
-        painted, interval, _ = given[-1]
+        painted, interval, _ = calls[-1]
         pictures, durations = [], []
         with Image.open(io.BytesIO(data)) as image:
             assert image.info["loop"] == 0
@@ -45,8 +45,8 @@ def filmed(monkeypatch):
     return film_of
 
 
-def test_films_of_pages_are_small_and_true_to_time(found, several, played, played_several, filmed):
-    for results, runs in ((found, played), (several, played_several)):
+def test_films_of_pages_are_small_and_true_to_time(basic, several, played, played_several, filmed):
+    for results, runs in ((basic, played), (several, played_several)):
         for place, run in runs.items():
             film, scenery = run.film, scenery_at(results, place)
             painted, interval, data, pictures, durations = filmed(film, scenery)
@@ -60,7 +60,7 @@ def test_films_of_pages_are_small_and_true_to_time(found, several, played, playe
                 assert (painted[k] == films.picture(film, scenery, frame, painter)).all()
     # Few elements move in a picture: their hues, which are the phases, survive.
     place = "Align", "ideal", "counting"
-    film, scenery = played[place].film, scenery_at(found, place)
+    film, scenery = played[place].film, scenery_at(basic, place)
     painted, _, _, pictures, _ = filmed(film, scenery)
     for picture, wanted in zip(pictures[1:, 20:-84], painted[1:, 20:-84].astype(float), strict=True):
         coloured = np.ptp(wanted, axis=-1) > 60
@@ -128,11 +128,11 @@ def opened():
     assert not any(messages)
 
 
-def test_reports_are_accessible_and_films_open_by_their_outcome(opened, found, written, written_several):
+def test_reports_are_accessible_and_films_open_by_their_outcome(opened, basic, written, written_several):
     assert faults_at_all_sizes(opened(written_several / "report.html")) == []
     page = opened(written / "report.html")
     assert faults_at_all_sizes(page) == []
-    episodes = where(found.main, task="Align", policy="pusher", filmed=1.0)
+    episodes = where(basic.main, task="Align", policy="pusher", filmed=1.0)
     card = page.locator("[id='card-Align-ideal-pusher']")
     film = card.get_by_role("img", name=f"Film of pusher on Align, seed {episodes['seed'].item()}")
     assert film.is_hidden()

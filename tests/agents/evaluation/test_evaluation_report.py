@@ -48,14 +48,14 @@ def test_pages_open_offline(written, written_several):
         assert "@import" not in text and not re.search(r"url\(", text) and len(text) < 1.5e6
 
 
-def test_pages_show_policies_hardware_effects_and_clear_differences(found, written, written_several):
+def test_pages_show_policies_hardware_effects_and_clear_differences(basic, written, written_several):
     text = (written / "report.html").read_text(encoding="utf-8")
     assert "still &lt;&amp;&gt;" in text and "still <&>" not in text
     assert "Does &lt;nothing&gt; &amp; says so." in text
-    assert text.count("data:image/gif;") == len(found.cases) == 6
-    every = rows(found)
+    assert text.count("data:image/gif;") == len(basic.cases) == 6
+    every = rows(basic)
     assert all(f"{100 * row['success_rate']:.1f} %" in text for row in every)
-    gaps = against_best(found, differences(found, every), best_rows(found, every))
+    gaps = against_best(basic, differences(basic, every), best_rows(basic, every))
     clear = [gap[name].clear for gap in gaps for name in ("success", "time") if gap[name].interval is not None]
     assert text.count('<td class="clear"') == sum(clear) and not all(clear)
     text = (written_several / "report.html").read_text(encoding="utf-8")
@@ -65,12 +65,12 @@ def test_pages_show_policies_hardware_effects_and_clear_differences(found, writt
     assert section.count("<td style=") == 6
 
 
-def test_best_policy_has_most_successes_then_the_lowest_time(found):
-    every = rows(found)
+def test_best_policy_has_most_successes_then_the_lowest_time(basic):
+    every = rows(basic)
 
     def best(**changes):
         changed = [{**row, **changes.get(row["policy"], {})} if row["task"] == "Transport" else row for row in every]
-        return best_rows(found, changed)["Transport", "ideal"]["policy"]
+        return best_rows(basic, changed)["Transport", "ideal"]["policy"]
 
     all_of_them = {"successes": 8, "success_rate": 1.0}
     ratio, time = "time_over_bound_median", "time_to_goal_median_s"
@@ -80,12 +80,12 @@ def test_best_policy_has_most_successes_then_the_lowest_time(found):
     assert best(counting=all_of_them, pusher={"successes": 7}) == "counting"
 
 
-def test_any_table_of_episodes(found):
+def test_any_table_of_episodes(basic):
     """A group is any choice of labels, and a difference that of two policies on the same seeds."""
-    tasks = table(found.main, by=["task"], columns=lambda some: {"rate": some["success"].mean(), "count": len(some)})
+    tasks = table(basic.main, by=["task"], columns=lambda some: {"rate": some["success"].mean(), "count": len(some)})
     assert tasks["task"].tolist() == ["Transport", "Align"] and tasks["count"].tolist() == [24, 24]
-    first, second = (where(found.main, task="Transport", policy=name) for name in ("pusher", "still <&>"))
-    assert tasks["rate"][0] == where(found.main, task="Transport")["success"].mean()
+    first, second = (where(basic.main, task="Transport", policy=name) for name in ("pusher", "still <&>"))
+    assert tasks["rate"][0] == where(basic.main, task="Transport")["success"].mean()
     gap = difference(first, second, resamples=200)
     assert gap["success"].value == first["success"].mean() and gap["both"] == 0 and np.isnan(gap["time"].value)
     assert gap["iqm"].value < 0.0  # a failure counts as the longest episode
@@ -112,8 +112,8 @@ def test_json_holds_everything(written, written_several):
     assert effects["seeds"] == list(range(300, 304)) and effects["cases"] == CASES and len(effects["episodes"]) == 24
 
 
-def test_csv_files(found, several, written, written_several):
-    for results, directory in ((found, written), (several, written_several)):
+def test_csv_files(basic, several, written, written_several):
+    for results, directory in ((basic, written), (several, written_several)):
         summary, episodes = (rows_of(directory / name) for name in ("results.csv", "episodes.csv"))
         assert [(row["task"], row["hardware"], row["policy"]) for row in summary] == [
             case.place[1:] for case in results.cases if case.place.study == "report"

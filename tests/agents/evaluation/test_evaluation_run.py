@@ -30,18 +30,18 @@ MIXED = {
 @pytest.fixture
 def plays(monkeypatch):
     """List of the places of all cases that are played in this process."""
-    found, play = [], Case.play
-    monkeypatch.setattr(Case, "play", lambda case, quiet: found.append(case.place) or play(case, quiet))
-    return found
+    played, play = [], Case.play
+    monkeypatch.setattr(Case, "play", lambda case, quiet: played.append(case.place) or play(case, quiet))
+    return played
 
 
 def assert_same(one, other):
     """Compare results and their files, except times."""
-    pd.testing.assert_frame_equal(*(each.episodes.drop(columns=list(TIMING)) for each in (one, other)))
-    assert one.pictures == other.pictures and sum(len(each) for each in one.pictures.values()) == 6
-    first, second = (report.write(each, quiet=True)[0].parent for each in (one, other))
+    pd.testing.assert_frame_equal(*(results.episodes.drop(columns=list(TIMING)) for results in (one, other)))
+    assert one.pictures == other.pictures and sum(len(picture) for picture in one.pictures.values()) == 6
+    first, second = (report.write(results, quiet=True)[0].parent for results in (one, other))
     assert (first / "episodes.csv").read_bytes() == (second / "episodes.csv").read_bytes()
-    for rows in zip(*(rows_of(each / "results.csv") for each in (first, second)), strict=True):
+    for rows in zip(*(rows_of(episodes / "results.csv") for episodes in (first, second)), strict=True):
         without = [{key: value for key, value in row.items() if "steps_per_second" not in key} for row in rows]
         assert without[0] == without[1]
 
@@ -147,12 +147,12 @@ def with_path(output, path):
 
 def test_paths_below_the_current_directory_start_from_there(pytestconfig, monkeypatch, tmp_path):
     monkeypatch.chdir(pytestconfig.rootpath)
-    found = with_path(tmp_path / "report", SHIPPED.absolute())
-    content = found.as_written()
+    stored = with_path(tmp_path / "report", SHIPPED.absolute())
+    content = stored.as_written()
     assert str(pytestconfig.rootpath) not in json.dumps(content) and str(tmp_path) not in json.dumps(content)
-    assert (content["output"], found.output) == ("report", str(tmp_path / "report"))
+    assert (content["output"], stored.output) == ("report", str(tmp_path / "report"))
     assert content["policies"]["own"]["policy"]["path"] == SHIPPED.as_posix()
-    assert written_settings(found)["policies"][1]["path"] == SHIPPED.as_posix()
+    assert written_settings(stored)["policies"][1]["path"] == SHIPPED.as_posix()
     assert SHIPPED.as_posix() in policy_files([({"kind": "trained", "path": str(SHIPPED.absolute())}, "Transport")])
     values = {"a": [1, 2.5, None, "runs/x"], "/key": {"b": True}}
     assert portable(values) == values

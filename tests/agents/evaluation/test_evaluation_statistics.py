@@ -64,11 +64,11 @@ def test_unanimous_success_has_no_interval_of_zero_width():
 
 def test_paired_success_differences():
     first, second = outcomes(80, 100)[None], outcomes(60, 100)[None]
-    found = success_difference(first, second, LEVEL, RESAMPLES)
+    difference = success_difference(first, second, LEVEL, RESAMPLES)
     # 20 of 100 seeds differ, all the same way, so this is the interval of 20 / 100; unpaired it were 0.2 +- 0.124.
     wilson = stats.binomtest(20, 100).proportion_ci(LEVEL, method="wilson")
-    assert (found.interval.low, found.interval.high) == pytest.approx((wilson.low, wilson.high), abs=0.01)
-    assert found.clear
+    assert (difference.interval.low, difference.interval.high) == pytest.approx((wilson.low, wilson.high), abs=0.01)
+    assert difference.clear
     same = success_difference(first, first, LEVEL, RESAMPLES).interval
     assert same.low == -same.high == pytest.approx(0.025 ** (1 / 100) - 1.0)
     always = success_difference(outcomes(0, 100)[None], outcomes(100, 100)[None], LEVEL, RESAMPLES).interval
@@ -76,8 +76,8 @@ def test_paired_success_differences():
 
 
 def test_quartiles_and_the_mean_of_the_middle_half():
-    found = quartiles(np.array([1.0, np.nan, 2.0, 3.0, 4.0, 5.0]))
-    assert tuple(found) == (2.0, 3.0, 4.0) and np.isnan(quartiles(np.array([np.nan])).median)
+    middle = quartiles(np.array([1.0, np.nan, 2.0, 3.0, 4.0, 5.0]))
+    assert tuple(middle) == (2.0, 3.0, 4.0) and np.isnan(quartiles(np.array([np.nan])).median)
     assert iqm(np.array([9.0, 1.0, 2.0, 100.0, 3.0, 4.0, -50.0, 5.0])) == pytest.approx((2 + 3 + 4 + 5) / 4)
     values = np.random.default_rng(0).normal(size=1003)
     assert iqm(values) == pytest.approx(np.sort(values)[250:-250].mean())
@@ -186,6 +186,6 @@ def test_what_is_found():
 
 def test_confidence_of_a_median():
     rng = np.random.default_rng(5)
-    found = [median_interval(rng.lognormal(size=60), 0.95) for _ in range(TRIALS)]
-    missed = np.mean([not each.low <= 1.0 <= each.high for each in found])
+    intervals = [median_interval(rng.lognormal(size=60), 0.95) for _ in range(TRIALS)]
+    missed = np.mean([not interval.low <= 1.0 <= interval.high for interval in intervals])
     assert 0.01 < missed <= ALARMS

@@ -26,23 +26,23 @@ FEEDING = {
 
 @pytest.fixture(scope="module")
 def feeding(tmp_path_factory):
-    found = evaluated(FEEDING, tmp_path_factory.mktemp("feeding"))
-    path, tables = report.write(found, quiet=True)
-    return found, path.parent, tables
+    results = evaluated(FEEDING, tmp_path_factory.mktemp("feeding"))
+    path, tables = report.write(results, quiet=True)
+    return results, path.parent, tables
 
 
 def test_rates_replace_successes_where_parts_come_and_go(feeding):
-    found, directory, _ = feeding
-    run, episodes = rollouts(found)["Feed", "ideal", "lanes"], where(found.main, policy="lanes")
-    row = next(row for row in rows(found) if row["policy"] == "lanes")
+    results, directory, _ = feeding
+    run, episodes = rollouts(results)["Feed", "ideal", "lanes"], where(results.main, policy="lanes")
+    row = next(row for row in rows(results) if row["policy"] == "lanes")
     assert row["successes"] == 0 and row["good_per_minute_mean"] == run.reported("good_per_minute").mean() > 200.0
     assert row["rate_over_bound_mean"] == pytest.approx(np.mean(run.reported("good_per_minute") / 300.0))
     assert episodes["score"].tolist() == episodes["rate_over_bound"].tolist()
     assert np.isnan(run.bound).all() and np.isnan(run.reported("coverage")).all()
     written = [row for row in rows_of(directory / "episodes.csv") if row["policy"] == "lanes"]
     for name in RATES:
-        assert [float(each[name]) for each in written] == run.reported(name).tolist()
-    assert all(each["coverage"] == each["position_error_m"] == each["heading_error_rad"] == "" for each in written)
+        assert [float(row[name]) for row in written] == run.reported(name).tolist()
+    assert all(row["coverage"] == row["position_error_m"] == row["heading_error_rad"] == "" for row in written)
     # A part that comes anew begins a path of its own: none is carried back from the gate to the inlet.
     steps = np.hypot(*np.moveaxis(np.diff(run.poses[..., :2], axis=1), -1, 0))
     assert np.nanmax(steps) < 0.04
@@ -52,8 +52,8 @@ def test_rates_replace_successes_where_parts_come_and_go(feeding):
 
 
 def test_load(feeding):
-    found, directory, tables = feeding
-    few, more = load_rows(found)
+    results, directory, tables = feeding
+    few, more = load_rows(results)
     assert (few["parts"], more["parts"], few["episodes"]) == (2, 6, 1)
     assert 0.0 < few["good"] < more["good"] and few["good"] <= few["bound"] == 50.0
     assert json.loads((directory / "results.json").read_text())["load"]["results"][0]["parts"] == 2
@@ -83,14 +83,14 @@ def test_user_defined_tasks_are_evaluated_and_compared(tmp_path, monkeypatch):
     monkeypatch.setitem(gym.registry, name, spec)
     study = {"task": name, "policies": ["local_field"], "cases": {"none": {}, "late": late, "there": {"task": "Align"}}}
     settings = {"tasks": [name, "Align"], "policies": ["zero", "local_field"], "episodes": 3, "resamples": 100}
-    found = evaluated({**settings, "effects": study, "animations": False}, tmp_path)
-    text = report.write(found, quiet=True)[0].read_text(encoding="utf-8")
+    results = evaluated({**settings, "effects": study, "animations": False}, tmp_path)
+    text = report.write(results, quiet=True)[0].read_text(encoding="utf-8")
     assert f'<h2 id="{name}">{name}</h2>' in text and "Bring the part to the left end" in text
-    rates = {(row["task"], row["policy"]): row["success_rate"] for row in rows(found)}
+    rates = {(row["task"], row["policy"]): row["success_rate"] for row in rows(results)}
     assert rates[name, "local_field"] == 1.0 > rates[name, "zero"]
-    assert [cell["successes"] for cell in study_rows(found, "effects", found.settings.effects)] == [3, 3, 3]
+    assert [cell["successes"] for cell in study_rows(results, "effects", results.settings.effects)] == [3, 3, 3]
     assert {row["task"] for row in rows_of(tmp_path / "episodes.csv")} == {name, "Align"}
     assert json.loads((tmp_path / "results.json").read_text())["tasks"][name]["name"] == "Park"
     compared = evaluated({**settings, "generalisation": [study]}, tmp_path, ComparisonSettings)
     assert "local_field" in report.write(compared, quiet=True)[0].read_text(encoding="utf-8")
-    assert compared.main["success"].tolist() == found.main["success"].tolist()
+    assert compared.main["success"].tolist() == results.main["success"].tolist()

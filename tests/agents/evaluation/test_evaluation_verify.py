@@ -109,11 +109,11 @@ def test_a_policy_that_is_worse_than_published_lies_outside(folder, capsys):
     assert "apart: effects, Align, noise, learned: success" in text
 
 
-def test_episodes_against_published_ones(found):
+def test_episodes_against_published_ones(basic):
     """Without a command: the same distribution agrees, another one does not, place by place."""
-    same = check(found.main, found.main)
+    same = check(basic.main, basic.main)
     assert same["agrees"].all() and set(same["figure"]) >= {"success_rate", "time_to_goal_median_s"}
-    many = pd.concat([found.main] * 20)
+    many = pd.concat([basic.main] * 20)
     slower = many.assign(time_to_goal_s=2.0 * many["time_to_goal_s"])
     apart = check(many, slower)
     times = apart["figure"] == "time_to_goal_median_s"

@@ -29,14 +29,14 @@ FLOW = {"network": "parts", "net": [32, 32], "batch_size": 256, "horizon": 3, "e
 WRENCH = {"action": "wrench"}
 
 
-def given(directory, algorithm="offline", steps=200, **own):
+def setup(directory, algorithm="offline", steps=200, **own):
     defaults = CLONE if algorithm == "offline" else FLOW
     data = {"dataset": DATA, "directory": str(directory), **defaults, **own}
     return {"task": "Align", "environment": WRENCH, "algorithm": algorithm, "steps": steps, algorithm: data}
 
 
 def test_cloning_succeeds_on_unseen_episodes(recorded, tmp_path):
-    settings = given(recorded, steps=900, batch_size=512, learning_rate=2e-3)
+    settings = setup(recorded, steps=900, batch_size=512, learning_rate=2e-3)
     path = trained(tmp_path, **settings, selection={"episodes": 50, "every": 10_000})
     assert float(rows_of(path.parent / "curve.csv")[-1]["success"]) > 0.7
     data = load_set(path, KIND, VERSION)[1]["training"]["data"]
@@ -62,7 +62,7 @@ def offline_values(recorded, updates=1200, **changes):
     """Return the mean action, the state's value and the actions' values (None of cloning)."""
     rates = {"learning_rate": 5e-3, "final_learning_rate": 5e-5, "tau": 0.05}
     own = {"method": "iql", "batch_size": 128, "net": [16], "critic_net": [16], "floor": 10.0, **rates, **changes}
-    learner = Offline(settings_from(given(recorded, steps=updates, **own)))
+    learner = Offline(settings_from(setup(recorded, steps=updates, **own)))
     rows, mask, action = two_actions(learner, 4000, 1)
     with torch.no_grad():
         mean, value = learner.policy.actor(rows[:1])[0].mean(), learner.policy.critic(rows[:1], mask[:1]).item()
@@ -88,16 +88,16 @@ def test_values_are_those_of_the_paper(recorded, expectile):
 
 def test_flow_matching_samples_both_modes_and_none_between(recorded):
     """From one state, actions of 0.5 and -0.5 are equally frequent; their mean, 0, is what regression would learn."""
-    learner = Flow(settings_from(given(recorded, "flow", 600)))
+    learner = Flow(settings_from(setup(recorded, "flow", 600)))
     rows, *_ = two_actions(learner, 2000, 2)  # the action is repeated to the end of the plan
     noise = np.random.default_rng(0).standard_normal((500, 1, 9), dtype=np.float32)
-    found = learner.acting().plan(np.repeat(rows[:1].numpy(), 500, axis=0), noise)[:, 0]
-    assert 0.35 < (found.mean(axis=1) > 0.0).mean() < 0.65
-    assert np.quantile(np.abs(np.abs(found) - 0.5), 0.9) < 0.15
+    samples = learner.acting().plan(np.repeat(rows[:1].numpy(), 500, axis=0), noise)[:, 0]
+    assert 0.35 < (samples.mean(axis=1) > 0.0).mean() < 0.65
+    assert np.quantile(np.abs(np.abs(samples) - 0.5), 0.9) < 0.15
 
 
 def test_sequences_repeat_the_last_action_of_their_episode(recorded):
-    learner = Flow(settings_from(given(recorded, "flow")))
+    learner = Flow(settings_from(setup(recorded, "flow")))
     learner.close()
     ends, at = learner._end.numpy(), learner.data.at.numpy()
     steps = np.arange(len(ends))
@@ -118,7 +118,7 @@ def test_numpy_acts_as_torch_has_learned(network):
     sample, t = torch.randn(4, 1, 8 * coding.shape.action), torch.full((4, 1, 1), 0.3)
     with torch.no_grad():
         wanted, code = actor(rows, sample, t).numpy(), actor.eyes(rows).numpy()
-    tensors = {name: each.numpy() for name, each in actor.state_dict().items()}
+    tensors = {name: tensor.numpy() for name, tensor in actor.state_dict().items()}
     assert np.abs(wanted).max() > 0.5
     np.testing.assert_allclose(rate(tensors, code, sample.numpy(), 0.3), wanted, rtol=1e-4, atol=1e-5)
 
@@ -126,7 +126,7 @@ def test_numpy_acts_as_torch_has_learned(network):
 @pytest.fixture(scope="module")
 def flow(recorded, tmp_path_factory):
     """Policy file after a few updates."""
-    return trained(tmp_path_factory.mktemp("flow"), **given(recorded, "flow", 20, net=[8]))
+    return trained(tmp_path_factory.mktemp("flow"), **setup(recorded, "flow", 20, net=[8]))
 
 
 def test_flow_acts_the_same_alone_and_in_batches(flow):
@@ -135,7 +135,7 @@ def test_flow_acts_the_same_alone_and_in_batches(flow):
     alone = gym.make("vibgym/Align-v0", **WRENCH, observation="parts")
     several, one = (make_policy(str(flow), env) for env in (batch, alone))
     calls, plan = [], one.plan
-    one.plan = lambda *given: calls.append(len(calls)) or plan(*given)
+    one.plan = lambda *args: calls.append(len(calls)) or plan(*args)
     seen, own = batch.reset(seed=5)[0], alone.reset(seed=6)[0]
     states = state = first = None
     for step in range(6):
@@ -162,7 +162,7 @@ def test_flow_acts_the_same_alone_and_in_batches(flow):
 ])  # fmt: skip
 def test_damaged_files_of_flow_are_refused(flow, tmp_path, change, named):
     tensors, record = load_set(flow, KIND, VERSION)
-    keep = {name: each for name, each in record.items() if name not in ("format", "version", "tensors", "sha256")}
+    keep = {name: spec for name, spec in record.items() if name not in ("format", "version", "tensors", "sha256")}
     changed = 1 if change is None else {**record["flow"], **change}
     save_set(tmp_path / "other.json", KIND, tensors, {**keep, "flow": changed}, VERSION)
     with pytest.raises(ValueError, match=named):
@@ -181,7 +181,7 @@ def transitions(settings):
 @pytest.mark.parametrize("memory", [{}, {"history": 3, "history_columns": ["velocity", "heading"]}])
 def test_transitions_are_those_of_an_acting_network(recorded, memory):
     """Step by step in a single environment, turned and with memory; every step leads to the next observation."""
-    data, coding = transitions(given(recorded, **memory))
+    data, coding = transitions(setup(recorded, **memory))
     env = gym.make("vibgym/Align-v0", **WRENCH, observation="parts")
     place = 0
     for episode in range(3):
@@ -199,11 +199,11 @@ def test_transitions_are_those_of_an_acting_network(recorded, memory):
 
 
 def test_transitions_do_not_depend_on_the_group_size(recorded, monkeypatch):
-    whole, _ = transitions(given(recorded))
+    whole, _ = transitions(setup(recorded))
     assert whole.info["episodes"] == 200 and len(whole.at) == whole.info["steps"] == len(whole.reward)
     assert len(whole.rows) == len(whole.at) + 200 and whole.ended.sum() == 200
     monkeypatch.setattr("agents.transitions.AT_ONCE", 30)
-    some, _ = transitions(given(recorded))
+    some, _ = transitions(setup(recorded))
     for name in set(Transitions._fields) - {"info"}:
         assert torch.equal(getattr(whole, name), getattr(some, name)), name
 
@@ -216,7 +216,7 @@ def test_images_are_learned_from(tmp_path):
     env = gym.make("vibgym/Transport-v0", action="velocity", observation="image")
     for algorithm, own in (("offline", {"turned": False, "history": False, "dropped_columns": []}), ("flow", {})):
         more = {"dataset": made["dataset"], "network": "pixels", "batch_size": 64, **own}
-        settings = given(tmp_path, algorithm, 40, **more) | {"task": "Transport", "environment": {"action": "velocity"}}
+        settings = setup(tmp_path, algorithm, 40, **more) | {"task": "Transport", "environment": {"action": "velocity"}}
         with Training(settings_from(settings), tmp_path / algorithm, quiet=True) as training:
             learner = training.learner
             data, coding = learner.data, learner.policy.coding
@@ -239,7 +239,7 @@ def test_a_data_set_of_several_parts_is_learned_from(tmp_path):
     data = {"dataset": name, "task": "Sort", "observation": "parts", "episodes": 3, "worlds": 3, "policy": policy,
             "directory": str(tmp_path), "environment": environment}  # fmt: skip
     record(RecordSettings.model_validate(data), quiet=True)
-    settings = given(tmp_path, steps=3, dataset=name, method="iql")
+    settings = setup(tmp_path, steps=3, dataset=name, method="iql")
     settings |= {"task": "Sort", "environment": {**WRENCH, **environment}}
     with Training(settings_from(settings), tmp_path / "run", quiet=True) as training:
         data = training.learner.data
@@ -271,15 +271,15 @@ def test_data_of_another_version_or_origin_or_damaged_is_refused(recorded, tmp_p
     else:
         path.write_text(json.dumps(change(json.loads(path.read_text()))))
     with pytest.raises(checks.Refused, match=named):
-        transitions(given(tmp_path / "data sets"))
+        transitions(setup(tmp_path / "data sets"))
 
 
 def test_a_run_continues_only_with_the_same_data(recorded, tmp_path):
     directory = shutil.copytree(recorded, tmp_path / "data sets")
     small = {"net": [8], "critic_net": [8]}
-    trained(tmp_path, **given(directory, steps=100, **small))
+    trained(tmp_path, **setup(directory, steps=100, **small))
     before, file = files_in(tmp_path / "run"), directory / DATA / "data" / "main_data.hdf5"
     file.write_bytes(file.read_bytes() + b"x")
     with pytest.raises(checks.Refused, match=DATA):
-        trained(tmp_path, **given(directory, **small))
+        trained(tmp_path, **setup(directory, **small))
     assert files_in(tmp_path / "run") == before

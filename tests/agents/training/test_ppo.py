@@ -102,10 +102,10 @@ def test_driven_parts_receive_the_rewards_of_others():
 @pytest.mark.parametrize("continuous_feed", [False, True])
 def test_parts_share_the_rewards_of_others(continuous_feed):
     reward, done = case()
-    found, _ = filled(reward, done, shared=0.3, continuous_feed=continuous_feed)
+    rollout, _ = filled(reward, done, shared=0.3, continuous_feed=continuous_feed)
     others = reward[..., ::-1]
     expected, _ = filled(reward + 0.3 * (others - (others.mean() if continuous_feed else 0.0)), done)
-    assert found.advantage == pytest.approx(expected.advantage, abs=1e-5)
+    assert rollout.advantage == pytest.approx(expected.advantage, abs=1e-5)
 
 
 def test_the_gradient_is_that_of_the_policy_gradient_at_ratio_one(learner):
@@ -114,14 +114,18 @@ def test_the_gradient_is_that_of_the_policy_gradient_at_ratio_one(learner):
     batch = learner.rollout.samples()
     batch["advantage"] = torch.randn_like(batch["advantage"])
     learner.loss(batch)[0].backward()
-    found = {name: each.grad.clone() for name, each in learner.policy.actor.named_parameters() if each.grad is not None}
+    gradients = {
+        name: parameter.grad.clone()
+        for name, parameter in learner.policy.actor.named_parameters()
+        if parameter.grad is not None
+    }
     learner.policy.zero_grad()
     mean, log_std = learner.policy.actor(batch["rows"])
     log_prob = torch.distributions.Normal(mean, log_std.exp()).log_prob(batch["actions"]).sum(dim=-1)
     (-(batch["advantage"] * log_prob * batch["mask"]).sum() / batch["mask"].sum()).backward()
-    for name, each in learner.policy.actor.named_parameters():
-        if each.grad is not None:
-            assert torch.allclose(each.grad, found[name], atol=1e-5), name
+    for name, parameter in learner.policy.actor.named_parameters():
+        if parameter.grad is not None:
+            assert torch.allclose(parameter.grad, gradients[name], atol=1e-5), name
 
 
 @pytest.mark.parametrize("cost", [0.0, 0.25])
@@ -155,11 +159,11 @@ def test_touching_parts_pay_in_training_only(learner, cost, monkeypatch):
 def test_the_critic_learns_first(learner):
     steps = 2 * STEPS * WORLDS
     learner, changed = learner(steps=steps, batch_size=8, critic_steps=steps // 2), []
-    before = {name: each.clone() for name, each in learner.policy.state_dict().items()}
+    before = {name: tensor.clone() for name, tensor in learner.policy.state_dict().items()}
 
     def report(metrics):
         now = learner.policy.state_dict().items()
-        changed.append({name.split(".")[0] for name, each in now if not torch.equal(each, before[name])})
+        changed.append({name.split(".")[0] for name, tensor in now if not torch.equal(tensor, before[name])})
 
     learner.learn(steps, report)
     assert changed == [set(), {"critic"}, {"critic", "actor"}]

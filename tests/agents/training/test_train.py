@@ -160,8 +160,8 @@ def test_a_stage_ends_with_its_success_or_its_steps_and_changes_the_environment(
 def test_the_policy_is_the_best_actor_of_the_learning_curve(tmp_path, monkeypatch):
     measure, successes = LearningCurve.measure, [0.9, 0.1]
 
-    def measured(self, *given):
-        row = measure(self, *given)
+    def measured(self, *args):
+        row = measure(self, *args)
         row.update(success=successes.pop(0), time_to_goal=1.0)
         return row
 

@@ -54,13 +54,13 @@ def test_rows_describe_episodes_on_the_same_seeds(tmp_path):
     assert (first["steps"], first["seconds"], first["phase"]) == ("10", "1.2", "imitation")
     assert (second["steps"], second["seconds"], second["phase"]) == ("20", "4.6", "ppo")
     env = batch("Transport", 5, action="wrench", max_episode_steps=20, observation="parts", autoreset_mode="Disabled")
-    found = run(Straight(), env, range(400_070, 400_075), "Transport")
-    assert np.isnan(found.reported(RATE)).all() and first["rate"] == ""
-    assert not found.success.any() and (found.steps == 20).all() and len(set(found.returns.round(9))) > 1
+    result = run(Straight(), env, range(400_070, 400_075), "Transport")
+    assert np.isnan(result.reported(RATE)).all() and first["rate"] == ""
+    assert not result.success.any() and (result.steps == 20).all() and len(set(result.returns.round(9))) > 1
     for row in (first, second):
         assert (row["success"], row["time_to_goal"]) == ("0.0", "")
         assert float(row["mean_time"]) == pytest.approx(20 * env.step_time)  # the limit, of episodes that fail
-        assert float(row["return_"]) == pytest.approx(np.median(found.returns), abs=1e-4)
+        assert float(row["return_"]) == pytest.approx(np.median(result.returns), abs=1e-4)
 
 
 def test_a_run_that_continues_keeps_the_rows_up_to_its_checkpoint(tmp_path):

@@ -41,7 +41,7 @@ def kept(run):
 def altered(content):
     """Change a bit of the first weight."""
     with zipfile.ZipFile(io.BytesIO(content)) as file:
-        first = next(each for each in file.infolist() if "/data/" in each.filename)
+        first = next(entry for entry in file.infolist() if "/data/" in entry.filename)
     place = content.index(first.filename.encode()) + 200  # behind its header, which is padded to 64 bytes
     return content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :]
 
@@ -181,7 +181,7 @@ def test_a_run_starts_with_the_weights_of_a_policy(agent, tmp_path):
     """Its first steps train the critic alone; exploration starts anew."""
     start = agent / "policy.json"
     path = trained(tmp_path, "next", start=str(start), ppo={**OWN, "critic_steps": 256})
-    before, after = (load_set(each, KIND, VERSION)[0] for each in (start, path))
+    before, after = (load_set(file, KIND, VERSION)[0] for file in (start, path))
     same = {name for name in before if np.array_equal(before[name], after[name])}
     assert before.keys() == after.keys() and {"hidden.0.weight", "mean.weight", "mean.bias"} <= same
     assert (after["log_std.bias"] == np.float32(-0.5)).all() and (before["log_std.bias"] != -0.5).any()

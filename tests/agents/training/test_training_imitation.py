@@ -99,7 +99,7 @@ def test_experts_receive_applied_actions_if_the_network_remembers():
     list(imitation.rounds())
     assert len(expert.applied) == len(expert.asked) == 80
     assert [state for _, state, _ in expert.asked[1:]] == [k + 0.5 for k in range(1, 80)]
-    proposed, done = (np.array(each) for each in zip(*expert.applied, strict=True))
+    proposed, done = (np.array(array) for array in zip(*expert.applied, strict=True))
     network_acts = np.abs(done - proposed).reshape(2, 40, WORLDS, 3).max(axis=(1, 3)) > 1e-3
     assert not network_acts[0].any() and 0 < network_acts[1].sum() <= WORLDS and np.abs(done).max() <= 1.0
     rows = imitation._demonstrations.rows.reshape(80, WORLDS, -1)

@@ -45,7 +45,7 @@ def rows_of(neighbours, there=None, lead=(3, 6), seed=0):
 
 def by_torch(module, *arrays):
     with torch.no_grad():
-        return module(*(torch.from_numpy(each) for each in arrays))
+        return module(*(torch.from_numpy(array) for array in arrays))
 
 
 @pytest.mark.parametrize("activation", ["tanh", "relu"])
@@ -60,7 +60,7 @@ def test_numpy_acts_as_torch_does(kind, there, activation):
         scale = 2.5 / log_std.std(dim=0)
         actor.log_std.bias.copy_((actor.log_std.bias - log_std.mean(dim=0)) * scale - 2.25)
         actor.log_std.weight.mul_(scale[:, None])
-    expected = [each.numpy() for each in by_torch(actor, rows)]
+    expected = [output.numpy() for output in by_torch(actor, rows)]
     got = ACTING[kind](trained_tensors(actor), shape_of(kind, neighbours), activation, rows)
     for mine, theirs in zip(got, expected, strict=True):
         assert mine.dtype == np.float32 and mine.shape == theirs.shape == (3, 6, shape_of(kind, neighbours).action)
@@ -78,7 +78,7 @@ def test_exploration_grows_with_actions_above_its_floor():
     for factor in (0.05, 0.5):
         with torch.no_grad():
             actor.mean.weight.normal_(generator=torch.Generator().manual_seed(0)).mul_(0.1 * factor)
-        mean, log_std = (each.numpy() for each in by_torch(actor, rows))
+        mean, log_std = (output.numpy() for output in by_torch(actor, rows))
         got = ACTING["parts"](trained_tensors(actor), shape_of("parts", 0), "relu", rows)
         assert all(np.abs(mine - theirs).max() < 1e-5 for mine, theirs in zip(got, (mean, log_std), strict=True))
         assert np.abs(mean).max() < 1.0
@@ -106,7 +106,7 @@ def test_attention_is_that_of_keys_and_queries(there):
     own, others = rows[..., :OWN].clone().requires_grad_(), rows[..., OWN:].unflatten(-1, (len(there), WIDTH))
     gradient = torch.randn(3, 6, 8)
     (attention(own, others) * gradient).sum().backward()
-    mine = {name: each.grad for name, each in attention.named_parameters()} | {"own": own.grad}
+    mine = {name: parameter.grad for name, parameter in attention.named_parameters()} | {"own": own.grad}
     plain, seen = copy.deepcopy(attention).double(), rows[..., :OWN].double().requires_grad_()
     code = torch.relu(plain.encode(others.double()))
     logit = torch.einsum("...kc,...c->...k", plain.key(code), plain.query(seen)) / 8**0.5

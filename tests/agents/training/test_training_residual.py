@@ -57,7 +57,7 @@ def test_the_file_has_the_base_and_loads_with_no_other(hybrid):
     _, path = hybrid
     tensors, record = load_set(path, KIND, VERSION)
     assert record["residual"] == {"base": POSE, "scale": 0.3} and record["columns"][-1] == ["base", 3]
-    assert all(np.isfinite(each).all() for each in tensors.values())
+    assert all(np.isfinite(tensor).all() for tensor in tensors.values())
     kind, info = {"kind": "residual", "path": str(path)}, info_of("Align", action="wrench")
     base = make_policy(POSE, info)
     again = ResidualPolicy(info, base, load_correction(path, info).learned, scale=0.3)

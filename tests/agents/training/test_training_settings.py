@@ -111,8 +111,8 @@ def stage(environment, until=None):
 
 
 def offline(algorithm="offline", environment=WRENCH, **changes):
-    given = {"dataset": DATA, "directory": "RECORDED", "net": [8, 8], **changes}
-    return {"algorithm": algorithm, "environment": environment, algorithm: given}
+    data = {"dataset": DATA, "directory": "RECORDED", "net": [8, 8], **changes}
+    return {"algorithm": algorithm, "environment": environment, algorithm: data}
 
 
 REFUSED = {

@@ -35,7 +35,7 @@ def test_pixels_show_their_coverage(lines):
     settings = QUIET | {"distortion": -0.05, "lines": lines}
     image, known = picture([[[0.75, 0.06, 0.4]]], **settings), setup([BLOCK], **settings)
     polygon = shapely.Polygon(seen_polygon(known, BLOCK, [0.75, 0.06, 0.4]))
-    left, top, right, bottom = (int(each) for each in polygon.bounds)
+    left, top, right, bottom = (int(side) for side in polygon.bounds)
     worst = 0.0
     for line in range(top - 1, bottom + 2):
         for column in range(left - 1, right + 2):

@@ -5,9 +5,9 @@ from vibgym.scene.part_settings import DrawingSettings
 from vibgym.settings import read as settings_from
 
 
-def read(path, surface=None, **given):
+def read(path, surface=None, **settings):
     """Return the drawing in a file, which is read with settings."""
-    return reading.read(settings_from(DrawingSettings, {"file": str(path), **given}, ""), surface)
+    return reading.read(settings_from(DrawingSettings, {"file": str(path), **settings}, ""), surface)
 
 
 def page(path, inner, size='width="100mm" height="80mm" viewBox="0 0 100 80"'):

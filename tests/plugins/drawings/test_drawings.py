@@ -33,14 +33,14 @@ def test_faults_are_refused_with_the_entity(tmp_path, kind, fault):
     made = spoiled(case(0, kind), fault, 7)
     error = refusal(made.content, kind, tmp_path)
     assert error is not None and error.startswith(str(tmp_path / f"spoiled.{kind}"))
-    assert any(each in error for each in made.expected), error
+    assert any(text in error for text in made.expected), error
     assert "\n" not in error
 
 
-def arcs(path, *given, **options):
+def arcs(path, *curves, **options):
     """Return the drawing of arcs: centre, radius, and angles between which they are."""
     document = ezdxf.new(units=4)
-    for centre, radius, *angles in given:
+    for centre, radius, *angles in curves:
         for a, b in zip(angles, angles[1:], strict=False):
             document.modelspace().add_arc(centre, radius, a, b)
     return read(saved(document, path / "arcs.dxf"), **options)
@@ -131,9 +131,9 @@ def test_stable_poses_of_a_box(tmp_path):
     path = tmp_path / "box.stl"
     path.write_bytes(trimesh.creation.box([a, b, c]).export(file_type="stl"))
     poses = read(path).solid.poses
-    assert [each.probability for each in poses] == pytest.approx(box_shares(a, b, c), abs=1e-6)
-    assert [each.height for each in poses] == pytest.approx([10, 10, 30, 30, 40, 40])
-    assert [each.area for each in poses] == pytest.approx([1200, 1200, 400, 400, 300, 300])
+    assert [pose.probability for pose in poses] == pytest.approx(box_shares(a, b, c), abs=1e-6)
+    assert [pose.height for pose in poses] == pytest.approx([10, 10, 30, 30, 40, 40])
+    assert [pose.area for pose in poses] == pytest.approx([1200, 1200, 400, 400, 300, 300])
     for pose, sides in ((None, (40, 30, 10)), (0, (40, 30, 10)), (2, (40, 10, 30)), (5, (30, 10, 40))):
         part = Part.from_file(path, friction=0.5, density=1000, stable_pose=pose)
         assert sorted(1e3 * np.ptp(part.rim @ turned(part.rim), axis=0)) == pytest.approx(sorted(sides[:2]))
@@ -159,7 +159,7 @@ def test_stable_poses_of_a_leaning_prism(tmp_path):
     with pytest.raises(ValueError, match="does not stand as modelled"):
         read(path)
     poses = read(path, stable_pose=0).solid.poses
-    assert sum(each.probability for each in poses) == pytest.approx(1.0)
+    assert sum(pose.probability for pose in poses) == pytest.approx(1.0)
     assert len(poses) == 4
 
 

@@ -61,30 +61,30 @@ class Campaign:
             block = self.document.blocks.new(f"{name}-{level}", base_point=target)
             scale = [draw.choice([-1, 1]) * draw.uniform(0.5, 2.0) for _ in range(2)]
             flip = -1 if draw.random() < 0.2 else 1  # in x, by an extrusion down
-            given = {
+            style = {
                 **self.attributes(), "xscale": scale[0], "yscale": scale[1], "zscale": draw.choice([1, 0, -2]),
                 "rotation": draw.uniform(0, 360), "extrusion": (0, 0, flip),
             }  # fmt: skip
-            holder.add_blockref(block.name, target * [flip, 1], dxfattribs=given)
-            chain.append(given)
+            holder.add_blockref(block.name, target * [flip, 1], dxfattribs=style)
+            chain.append(style)
             stretch, factor = stretch * max(map(abs, scale)), factor * abs(scale[0] * scale[1])
             holder = block
-        radius, given = draw.uniform(2.0, 12.0) / stretch, self.attributes()
+        radius, style = draw.uniform(2.0, 12.0) / stretch, self.attributes()
         if draw.random() < 0.5:
-            holder.add_circle(target, radius, dxfattribs=given)
+            holder.add_circle(target, radius, dxfattribs=style)
         else:
             ends = [(*(target - [radius, 0]), 1), (*(target + [radius, 0]), 1)]
-            holder.add_lwpolyline(ends, format="xyb", close=True, dxfattribs=given)
-        self.evaluate(chain, given, factor * math.pi * radius**2)
+            holder.add_lwpolyline(ends, format="xyb", close=True, dxfattribs=style)
+        self.evaluate(chain, style, factor * math.pi * radius**2)
 
     def evaluate(self, chain, entity, area):
         states = {name.lower(): state for name, state in LAYERS.items()} | {"0": "on"}
         layer, linetype, off = "0", "continuous", False
-        for given in (*chain, entity):
-            layer = layer if given["layer"] == "0" else given["layer"].lower()
-            own = given["linetype"].lower()
+        for level in (*chain, entity):
+            layer = layer if level["layer"] == "0" else level["layer"].lower()
+            own = level["linetype"].lower()
             linetype = {"byblock": linetype, "bylayer": "continuous"}.get(own, own)
-            if given["invisible"] or states[layer] == "frozen":
+            if level["invisible"] or states[layer] == "frozen":
                 return
             off = off or states[layer] == "off"
         if states[layer] == "on" and linetype == "continuous":
@@ -268,8 +268,8 @@ def test_parts_are_listed_and_selected(tmp_path):
     with pytest.raises(ValueError, match=r"3 parts .* part=: 0: 24\S* x 24\S* mm, 452.4 .*; 2: 6\S* x .*, in a hole"):
         read(path)
     holes = [read(path, part=k) for k in range(3)]
-    assert [len(each.holes) for each in holes] == [0, 1, 0] and holes[0].skipped == {"parts that are not selected": 2}
-    assert [each.radius and round(each.radius, 3) for each in holes] == [12.0, None, 3.0]
+    assert [len(hole.holes) for hole in holes] == [0, 1, 0] and holes[0].skipped == {"parts that are not selected": 2}
+    assert [hole.radius and round(hole.radius, 3) for hole in holes] == [12.0, None, 3.0]
     with pytest.raises(ValueError, match="part must be"):
         read(path, part=3)
 
@@ -282,11 +282,11 @@ def test_all_faults_of_a_file_are_reported_at_once(tmp_path):
     crossing = space.add_circle((200, 50), 5)
     with pytest.raises(checks.Refused, match=f"SOLID {solid.dxf.handle}.*; and 4 other faults") as error:
         read(saved(document, tmp_path))
-    texts = [each.text for each in error.value.faults]
+    texts = [fault.text for fault in error.value.faults]
     assert len(texts) == 5 and "\n" not in str(error.value)
     for entity, place in ((tilted, (20, 20)), (line, (100, 20)), (line, (150, 20)), (crossing, (200, 50))):
-        fault = next(each for each in error.value.faults if entity.dxf.handle in each.text.split() and
-                     np.hypot(*(each.place - place)) < 6)  # fmt: skip
+        fault = next(own for own in error.value.faults if entity.dxf.handle in own.text.split() and
+                     np.hypot(*(own.place - place)) < 6)  # fmt: skip
         assert fault.place is not None
     with pytest.raises(ValueError, match="SOLID"):
         part_from({"file": str(tmp_path / "drawing.dxf")})

@@ -43,7 +43,7 @@ def test_stable_poses_of_plates_with_vertices_on_edges(tmp_path, seed):
     for k, mesh in enumerate(plate(seed)):
         (tmp_path / f"{k}.stl").write_bytes(mesh.export(file_type="stl"))
         poses.append(read(tmp_path / f"{k}.stl", stable_pose=0).solid.poses)
-        assert sum(each.probability for each in poses[-1]) == pytest.approx(1.0, abs=1e-9)
+        assert sum(pose.probability for pose in poses[-1]) == pytest.approx(1.0, abs=1e-9)
     for one, other in zip(*poses, strict=True):
         assert one.probability == pytest.approx(other.probability, abs=1e-5)
     clean = plate(seed)[1]
@@ -52,7 +52,7 @@ def test_stable_poses_of_plates_with_vertices_on_edges(tmp_path, seed):
     depth = ((clean.vertices - clean.center_mass) @ normals.T).max(axis=0)
     hits = np.bincount((away @ normals.T / depth).argmax(axis=1), minlength=len(normals)) / len(away)
     for height, share in zip(depth, hits, strict=True):
-        here = [each.probability for each in poses[0] if each.centre_height == pytest.approx(height, abs=1e-3)]
+        here = [pose.probability for pose in poses[0] if pose.centre_height == pytest.approx(height, abs=1e-3)]
         assert not here or sum(here) >= share - 0.01
 
 
@@ -60,12 +60,12 @@ FACETS = re.findall("facet.*?endfacet", trimesh.creation.box([40, 30, 10]).expor
 
 
 def stl(*sections, name="part"):
-    return "".join("\n".join([f"solid {name}", *each, f"endsolid {name}\n"]) for each in sections)
+    return "".join("\n".join([f"solid {name}", *section, f"endsolid {name}\n"]) for section in sections)
 
 
 def facet(*corners):
     return "\n".join(
-        ["facet normal 0 0 0", "outer loop", *(f"vertex {each}" for each in corners), "endloop", "endfacet"]
+        ["facet normal 0 0 0", "outer loop", *(f"vertex {rows}" for rows in corners), "endloop", "endfacet"]
     )
 
 
@@ -104,7 +104,7 @@ def test_closed_surfaces_are_read(tmp_path, content, volume, centre_height):
 
 def test_facets_without_area_may_close_a_surface(tmp_path):
     """A side of three facets, one of them on a vertex that two others have on their common edge."""
-    rest = [each for each in FACETS if [float(value) for value in each.split()[2:5]] != [0, 0, 1]]
+    rest = [triangle for triangle in FACETS if [float(value) for value in triangle.split()[2:5]] != [0, 0, 1]]
     a, b, c, d, m = "-20 -15 5", "20 -15 5", "20 15 5", "-20 15 5", "0 -15 5"
     content = stl([*rest, facet(a, m, d), facet(m, b, c), facet(m, c, d), facet(a, b, m)])
     (tmp_path / "part.stl").write_text(content)

@@ -38,10 +38,10 @@ def test_bad_input_is_one_line(capsys, options, named):
 
 def test_tasks_and_policies():
     """Only tasks with a part that is pushed have the policy ``push``; twenty large parts have no room."""
-    found = tasks_with({"shape": "disc", "radius_mm": 60, "friction": 0.5, "name": "lid"})
-    assert "pose" in found["Align"] and "push" in found["Push"] and "push" not in found["Align"]
-    assert isinstance(found["PackFull"], str) and "20 parts" in found["PackFull"]
-    assert not any(name.endswith("Shapes") for name in found)
+    tasks = tasks_with({"shape": "disc", "radius_mm": 60, "friction": 0.5, "name": "lid"})
+    assert "pose" in tasks["Align"] and "push" in tasks["Push"] and "push" not in tasks["Align"]
+    assert isinstance(tasks["PackFull"], str) and "20 parts" in tasks["PackFull"]
+    assert not any(name.endswith("Shapes") for name in tasks)
 
 
 def test_the_pushed_part_is_replaced_or_the_first_kind():

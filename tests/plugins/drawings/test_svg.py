@@ -29,7 +29,7 @@ def hidden(attributes="", style="", tag="g"):
 
 @pytest.mark.parametrize(("inner", "expected"), [
     # hidden: the hole is not drawn
-    *[(hidden(each), 2400) for each in (
+    *[(hidden(text), 2400) for text in (
         'display="none"', 'style="display : none"', 'visibility="hidden"', 'style="visibility:collapse;"', 'opacity="0"',
         'style="opacity:0%"', 'fill="none"', 'style="fill: transparent"', 'fill-opacity="0"', 'fill="#00000000"',
         'fill="rgba(0, 0, 0, 0)"', 'fill="none" stroke="#000" stroke-width="0"', 'requiredExtensions="http://x"',
@@ -45,7 +45,7 @@ def hidden(attributes="", style="", tag="g"):
         "g circle{fill:none} circle{fill:red}", r".\61{display:none}", ".a{display:none", ".a{display none;fill:none}",
         "@namespace 'x'; :is(.b, .a){display:none}")],
     # drawn
-    *[(hidden(each, style), 2400 - DISC) for each, style in (
+    *[(hidden(text, style), 2400 - DISC) for text, style in (
         ('class="a" style="display:inline"', ".a{display:none}"), ('class="a"', "#b{display:none}"),
         ('class="A"', ".a{display:none}"), ("", "svg > circle, [line], g[class], svg + g, g:not(g){display:none}"),
         ("", "g::before{display:none}"), ("", ".a:hover{font-size:3px}"), ("", "g{display:inline;display:}"),
@@ -55,7 +55,7 @@ def hidden(attributes="", style="", tag="g"):
     (f'{PLATE}<switch><g requiredExtensions="x"><text>a</text></g>{HOLE}<circle cx="50" cy="30" r="4"/></switch>', 2400 - DISC),
     (f"{PLATE}<a>{HOLE}</a><text>30</text><image/>", 2400 - DISC),
     # no extent
-    *[(PLATE + each, 2400) for each in (
+    *[(PLATE + text, 2400) for text in (
         '<rect width="0" height="5"/>', '<circle r="0"/>', '<ellipse rx="0" ry="3"/>', '<path d=""/>', '<path d="M 30 30"/>',
         '<polygon points=""/>', '<path d="M 20 20 L 30 30 Z"/>', '<line x1="20" y1="20" x2="30" y2="20"/>',
         '<rect x="200" width="5" height="5"/>',
@@ -103,12 +103,12 @@ def test_sizes_and_transforms(tmp_path, inner, size, area):
 
 
 @pytest.mark.parametrize(("inner", "named"), [
-    *[(hidden(each), f"circle in line 2.*{each.partition('=')[0]}") for each in (
+    *[(hidden(text), f"circle in line 2.*{text.partition('=')[0]}") for text in (
         'clip-path="url(#a)"', 'mask="url(#a)"', 'filter="url(#a)"', 'transform-origin="3 3"', 'systemLanguage="de"')],
-    *[(hidden(f'style="{each}"'), f"circle in line 2.*{each.partition(':')[0]}") for each in (
+    *[(hidden(f'style="{text}"'), f"circle in line 2.*{text.partition(':')[0]}") for text in (
         "transform:rotate(3deg)", "clip-path:circle()", "mask-image:url(a)", "display:var(--a)", "visibility:initial", "cx:3px",
         "opacity:calc(0)", "translate:3px")],
-    *[(hidden('class="a"', each), "style in line 2") for each in (
+    *[(hidden('class="a"', text), "style in line 2") for text in (
         "@media print{.a{display:none}}", "@import 'a.css';", ".a:hover{opacity:0}", "g:not(:hover){opacity:0}",
         "g ~ g{fill:none}", "g:has(circle){fill:none}", "g:nth-child(1 of g){fill:none}", "a:link{fill:none}",
         "..a{fill:none}", "x|g{fill:none}", "[*|a]{fill:none}", ".a{g circle{fill:none}}", "} .a{fill:none}")],
@@ -131,7 +131,7 @@ def test_sizes_and_transforms(tmp_path, inner, size, area):
     (PLATE + f'<switch><foreignObject/><g>{HOLE}</g></switch>', "circle in line 2.*the choice of switch"),
     (PLATE + '<rect x="20" y="20" width="-3" height="5"/>', "rect in line 2"),
     (PLATE + '<path d="M20 20 q 5 X"/>', "path in line 2"),
-    *[(each, "in line 2") for each in (
+    *[(text, "in line 2") for text in (
         '<rect width="4" height="3" transform="rotate(a)"/>', '<rect width="4" height="3" transform="scale(0)"/>',
         '<circle r="-1"/>', '<polygon points="1 2 3"/>')],
     ("<g display='none'><rect/></g>", "no outline.*1 g not drawn"),
@@ -202,7 +202,7 @@ def node(draw, depth, matrix, visible, shown, expected):
     shown = shown and not way
     visible = visible if not sight else "visible" in sight.partition("=")[2]
     mark = f"{way} {sight}"
-    x, y, w, h = (round(draw.uniform(*each), 3) for each in ((20, 30), (20, 30), (5, 15), (5, 15)))
+    x, y, w, h = (round(draw.uniform(*pair), 3) for pair in ((20, 30), (20, 30), (5, 15), (5, 15)))
     if kind == "rect":
         corners = np.array([[x, y, 1], [x + w, y, 1], [x + w, y + h, 1], [x, y + h, 1]]) @ (matrix @ own).T
         if visible and shown:
@@ -242,9 +242,9 @@ def test_random_trees(tmp_path, seed):
             svg.read(content.read_bytes(), 0.005, None)
         return
     strokes, *_ = svg.read(content.read_bytes(), 0.005, None)
-    found = np.sort([complex(x, -y) for each in strokes for x, y in each.points[:1]])
-    true = np.sort([complex(*corner) for each in expected for corner in each])
-    assert found == pytest.approx(true, abs=1e-6)
+    points = np.sort([complex(x, -y) for stroke in strokes for x, y in stroke.points[:1]])
+    true = np.sort([complex(*corner) for contour in expected for corner in contour])
+    assert points == pytest.approx(true, abs=1e-6)
 
 
 def test_elements_without_namespace_are_not_drawn(tmp_path):

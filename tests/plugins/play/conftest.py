@@ -33,5 +33,5 @@ def served(tmp_path_factory) -> Iterator[tuple[str, Server]]:
 
 @pytest.fixture(scope="module")
 def browser():
-    with chromium() as found:
-        yield found
+    with chromium() as started:
+        yield started

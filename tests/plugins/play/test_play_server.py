@@ -120,7 +120,7 @@ def test_a_lost_connection_is_restored_without_loss(served, visit):
     back = visit(token=page.token)
     assert back.token == page.token and back.ack == 2
     frame = back.next("frame")
-    assert [round(each, 3) for each in frame["goal"][0]] == [40000, 10000, 3000]
+    assert [round(number, 3) for number in frame["goal"][0]] == [40000, 10000, 3000]
     # The page repeats unacknowledged messages; each is executed once.
     back.socket.send(json.dumps({"n": 2, "do": "aim", "part": 0, "pose": [0.9 - 0.4, 0.1, 0.0]}))
     back.socket.send(json.dumps({"n": 3, "do": "steps", "count": 1}))

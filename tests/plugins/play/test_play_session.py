@@ -116,7 +116,7 @@ def test_a_shared_start_is_restored(tmp_path):
     page("steps", count=20)
     page("paint", elements=[[1, 2], [3, 4]], phasor=[0.6, -0.8])
     page("switch", hardware="prototype", policy="planner")
-    code = next(each["code"] for each in page("share") if each["kind"] == "start")
+    code = next(message["code"] for message in page("share") if message["kind"] == "start")
     assert len(code) < 1500 and code.replace("-", "").replace("_", "").isalnum()
     world = starts.world_from(code)
     np.testing.assert_allclose(world.core.simulator.pose[0], page.pose, atol=1e-6)
@@ -128,7 +128,7 @@ def test_a_shared_start_is_restored(tmp_path):
 def test_an_altered_start_is_refused(data):
     code = CODE
     place = data.draw(st.integers(0, len(code) - 2))  # the last letter has unused bits
-    letter = data.draw(st.sampled_from("ABCDEFGHIJabcdefghij0123456789-_").filter(lambda each: each != code[place]))
+    letter = data.draw(st.sampled_from("ABCDEFGHIJabcdefghij0123456789-_").filter(lambda sign: sign != code[place]))
     with pytest.raises(ValueError, match="start"):
         starts.world_from(code[:place] + letter + code[place + 1 :])
 
@@ -159,7 +159,7 @@ def test_recordings_hold_what_was_seen_and_done(align, monkeypatch):
 
     data = minari.load_dataset(name)
     episodes = list(data.iterate_episodes())
-    assert sum(len(each) for each in episodes) == 30
+    assert sum(len(episode) for episode in episodes) == 30
     env = data.recover_environment()
     assert env.spec.id == "vibgym/Align-v0"
     assert env.action_space.contains(episodes[-1].actions[-1])

@@ -147,7 +147,7 @@ def test_bad_settings_are_named(bad, names):
 
 
 def test_every_registered_environment_can_be_played():
-    for name in sorted(each for each in gym.registry if each.startswith("vibgym/")):
+    for name in sorted(registered for registered in gym.registry if registered.startswith("vibgym/")):
         world = World(settings_of(name))
         world.step()
         scene, frame = scene_of(world), frame_of(world)

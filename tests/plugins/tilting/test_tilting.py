@@ -29,11 +29,11 @@ def test_flat_on_level_ground_is_the_planar_model_to_the_bit(parts):
     flat, planar = tilting(parts, worlds=3), Simulator(LARGE, parts, worlds=3)
     in_the_middle(planar)
     rough = np.random.default_rng(12).uniform(0.6, 1.4, (3, 40, 40))
-    for each in (flat, planar):
-        each.set_conditions(slice(None), patches=rough)
+    for sim in (flat, planar):
+        sim.set_conditions(slice(None), patches=rough)
     for phase in (0.3, 2.0, -1.0):
-        for each in (flat, planar):
-            each.advance(3e-4, phase, 3)
+        for sim in (flat, planar):
+            sim.advance(3e-4, phase, 3)
     state = flat.get_state()
     assert not state["mode"].any()
     for name, values in planar.get_state().items():
@@ -47,8 +47,8 @@ def test_landed_parts_equal_the_planar_model():
     assert not simulator.get_state()["mode"].any() and not simulator.lean.any()
     planar = Simulator(LARGE, STEEL, worlds=8)
     planar.reset(simulator.pose, simulator.velocity)
-    for each in (simulator, planar):
-        each.advance(2e-4, 1.0, 5)
+    for sim in (simulator, planar):
+        sim.advance(2e-4, 1.0, 5)
     assert np.array_equal(simulator.pose, planar.pose)
 
 
@@ -76,7 +76,7 @@ def test_narrow_ramps_converge():
         start = simulator.pose
         simulator.advance(0.1 * amplitude, phase, 5)
         ends.append(simulator.pose - start)
-    near, far = (np.hypot(*(ends[0] - each)[:, 0, :2].T).mean() for each in ends[1:])
+    near, far = (np.hypot(*(ends[0] - end)[:, 0, :2].T).mean() for end in ends[1:])
     assert near < far and near < 5e-4
 
 

@@ -136,7 +136,7 @@ def test_constant_disturbances_are_estimated_with_the_pole_of_the_observer(perio
     true = np.array([0.3, -0.2, 8.0]) * np.ones((2, parts, 1))
     generator = np.random.default_rng(1)
     memory, velocity = observer.begin(2), generator.normal(0.0, 0.1, (2, parts, 3))
-    everywhere, given = np.ones((2, parts), dtype=bool), np.zeros((2, parts, 3))
+    everywhere, effect = np.ones((2, parts), dtype=bool), np.zeros((2, parts, 3))
 
     class Seen:
         present = everywhere
@@ -144,14 +144,14 @@ def test_constant_disturbances_are_estimated_with_the_pole_of_the_observer(perio
 
     for k in range(30):
         # What a part does by the model: mean velocity over the last period, and velocity at the start of the next step.
-        Seen.rate = velocity - policy.gaining[:, None] * (given + true)
-        observer.update(Seen, everywhere, given, memory)
+        Seen.rate = velocity - policy.gaining[:, None] * (effect + true)
+        observer.update(Seen, everywhere, effect, memory)
         estimate = memory.acceleration
         assert estimate == pytest.approx(true * (1.0 - (1.0 - GAIN) ** k), rel=1e-9, abs=1e-12)
-        believed = Seen.rate + policy.gaining[:, None] * (given + estimate)
+        believed = Seen.rate + policy.gaining[:, None] * (effect + estimate)
         memory = memory._replace(start=believed, valid=everywhere)
-        given = generator.normal(0.0, 1.0, (2, parts, 3))
-        velocity = velocity + policy.gained[:, None] * (given + true)
+        effect = generator.normal(0.0, 1.0, (2, parts, 3))
+        velocity = velocity + policy.gained[:, None] * (effect + true)
     assert np.abs(estimate / true - 1.0).max() < 0.005
 
 

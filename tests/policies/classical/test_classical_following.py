@@ -63,8 +63,8 @@ def test_on_the_prototype():
 
 
 def test_drawn_paths_are_followed():
-    found = rollout("pose", "Follow", seeds=range(5, 25))
-    assert found.success.all() and 0.0 < found.path_error.max() < 0.3e-3
+    result = rollout("pose", "Follow", seeds=range(5, 25))
+    assert result.success.all() and 0.0 < result.path_error.max() < 0.3e-3
 
 
 def played(policy, steps, **settings):

@@ -101,7 +101,7 @@ def test_memory_of_new_parts_is_cleared():
 def test_controllers_clear_slots_with_new_parts(kind):
     """Independent of the previous part in the slot."""
     env = batch("Feed", 2, parts=["steel_block", "aluminium_block"] * 2, action="wrench")
-    info, memory, found = TaskInfo.of(env), None, 0
+    info, memory, cleared = TaskInfo.of(env), None, 0
     policy = make_policy({"kind": kind, "law": "pid"}, env)
     seen, _ = env.reset(seed=0)
     for step in range(120):
@@ -110,16 +110,16 @@ def test_controllers_clear_slots_with_new_parts(kind):
         if step and arrived.any():
             assert (policy.predict(seen, spoilt(memory, arrived), new)[0] == action).all()
             assert (policy.predict(seen, spoilt(memory, ~arrived), new)[0] != action).any()
-            found += 1
+            cleared += 1
         seen, memory = env.step(action)[0], after
-    assert found
+    assert cleared
 
 
 def spoilt(memory, parts):
     """Return an observation with changed rows of some parts, (batch, parts) bool."""
     if isinstance(memory, np.ndarray):
         return np.where(parts.reshape(parts.shape + (1,) * (memory.ndim - 2)), memory + 1, memory).astype(memory.dtype)
-    return type(memory)(*(spoilt(each, parts) for each in memory)) if memory else memory
+    return type(memory)(*(spoilt(entry, parts) for entry in memory)) if memory else memory
 
 
 @pytest.mark.parametrize(

@@ -82,14 +82,16 @@ def test_episodes_succeed_in_time(policy, task, environment, count, least, most,
     ("Swap", 4.5, {}), ("SwapCrowded", 6.5, {}), ("Swap", 5.5, HARDWARE),
 ])  # fmt: skip
 def test_parts_pass_one_another(task, most, hardware):
-    found = rollout("lanes", task, seeds=range(50, 58), keep=Measures, **hardware)
-    assert found.success.mean() >= 0.875 and np.nanmedian(found.time_to_goal) < most and found.collisions.mean() < 5.0
+    result = rollout("lanes", task, seeds=range(50, 58), keep=Measures, **hardware)
+    assert (
+        result.success.mean() >= 0.875 and np.nanmedian(result.time_to_goal) < most and result.collisions.mean() < 5.0
+    )
 
 
 @pytest.mark.parametrize("action", ["wrench", "phasor"])
 def test_a_part_is_pushed_to_its_goal(action):
-    found = rollout({"kind": "push", "action": action}, "Push", seeds=range(8), keep=Measures)
-    assert found.success.mean() >= 7 / 8 and not found.fallen.any()
+    result = rollout({"kind": "push", "action": action}, "Push", seeds=range(8), keep=Measures)
+    assert result.success.mean() >= 7 / 8 and not result.fallen.any()
 
 
 def test_pushers_on_the_same_side_do_not_block_each_other():

@@ -16,11 +16,11 @@ T = 0.04
 
 def run(pid, errors):
     """Return the outputs for a sequence of errors (n,)."""
-    memory, given = pid.initial((1,)), []
+    memory, outputs = pid.initial((1,)), []
     for error in errors:
         wanted, memory = pid.output(np.array([error]), memory)
-        given.append(wanted[0])
-    return np.array(given)
+        outputs.append(wanted[0])
+    return np.array(outputs)
 
 
 def step(pid, period, seconds, limit=math.inf):

@@ -98,15 +98,15 @@ def test_absent_parts_keep_their_place():
 def test_a_tight_lattice_has_room_for_all():
     low, high = np.array([0.03, 0.03]), np.array([0.15, 0.18])
     for least in (1, 3, 7, 12, 30):
-        found = places(low, high, np.array([0.05, 0.04]), RULE, least)
-        assert len(found) >= least and (found >= low - 1e-9).all() and (found <= high + 1e-9).all()
+        spots = places(low, high, np.array([0.05, 0.04]), RULE, least)
+        assert len(spots) >= least and (spots >= low - 1e-9).all() and (spots <= high + 1e-9).all()
     line = places(np.array([0.03, 0.1]), np.array([0.2, 0.1]), np.array([0.05, 0.04]), RULE, 5)
     assert len(line) >= 5 and (line[:, 1] == pytest.approx(0.1)) and len(np.unique(line[:, 0])) == len(line)
 
 
 def all_paths(here, velocity=(0.0, 0.0), target=(0.7, 0.1)):
     result = np.empty((MOTIONS, 2, INSTANTS))
-    arrays = (np.array(each, dtype=float) for each in (here, velocity, target))
+    arrays = (np.array(values, dtype=float) for values in (here, velocity, target))
     follow(planner().preferences, *arrays, np.empty((4, MOTIONS)), result)
     return result.swapaxes(1, 2)
 
@@ -138,14 +138,14 @@ def test_all_motions_together_equal_each_alone():
     for _ in range(10):
         here, target = generator.random((2, 2)) * [0.8, 0.2]
         velocity = generator.normal(size=2) * 0.15
-        found = all_paths(here, velocity, target)
+        together = all_paths(here, velocity, target)
         for motion in range(MOTIONS):
             place, speed = here, velocity
             for k in range(INSTANTS):
                 change = np.array(set_velocity(wants, motion, k * INTERVAL, *place, *target)) - speed
                 then = speed + change * min(wants.acceleration * INTERVAL / max(np.hypot(*change), 1e-12), 1.0)
                 place, speed = place + 0.5 * INTERVAL * (speed + then), then
-                assert found[motion, k] == pytest.approx(place, abs=1e-12)
+                assert together[motion, k] == pytest.approx(place, abs=1e-12)
 
 
 def test_least_cost_is_a_lower_bound():
@@ -198,7 +198,7 @@ def simulate(policy, blocks, seconds, targets=None):
     Args:
         blocks: x, y and kind of each part.
     """
-    place = np.array([each[:2] for each in blocks], dtype=float)
+    place = np.array([row[:2] for row in blocks], dtype=float)
     velocity, state, least = np.zeros_like(place), None, np.inf
     target = place
     requested = []

@@ -59,7 +59,7 @@ def test_speeds_grow_with_distance_and_push(turning, top):
 
     def speeds(curve, displacement):
         return np.array(
-            [speed_at(curve.displacement, curve.speed, 0, 1e9, each) for each in np.atleast_1d(displacement)]
+            [speed_at(curve.displacement, curve.speed, 0, 1e9, distance) for distance in np.atleast_1d(displacement)]
         )
 
     end = weak.displacement[-1, 0]
@@ -206,7 +206,7 @@ def test_a_spinning_part_stops_within_the_predicted_angle(part):
         furthest = np.maximum(furthest, simulator.pose[:, 0, 2])
         if (simulator.velocity[:, 0, 2] < 0.0).all():
             break
-    displacement = np.array([np.interp(each, curve.speed[:, 0], curve.displacement[:, 0]) for each in spin])
+    displacement = np.array([np.interp(rate, curve.speed[:, 0], curve.displacement[:, 0]) for rate in spin])
     turned = furthest - pose[:, 2]
     assert (turned <= 1.15 * displacement).all() and turned.sum() == pytest.approx(displacement.sum(), rel=0.08)
 
@@ -215,8 +215,8 @@ def test_a_spinning_part_stops_within_the_predicted_angle(part):
 def test_friction_balances_the_push_at_the_largest_spin(part):
     process, push = FrictionalInverse(SURFACE, part), np.array([0.6])
     spin = fastest_spin(process, push)[0]
-    given = np.array([[[0.0, 0.0, push[0]]]])
-    more = [process.acceleration(np.array([[[0.0, 0.0, k * spin]]]), given)[0][0, 0, 2] for k in (0.98, 1.0, 1.02)]
+    full = np.array([[[0.0, 0.0, push[0]]]])
+    more = [process.acceleration(np.array([[[0.0, 0.0, k * spin]]]), full)[0][0, 0, 2] for k in (0.98, 1.0, 1.02)]
     assert more[0] > 0.0 > more[2] and abs(more[1]) < 1e-6
 
 
@@ -230,10 +230,10 @@ def test_tolerances_are_used_where_headings_count_and_goals_stay():
 def test_rotation_times_are_near_the_bound():
     """The whole chain on ideal hardware: at most a step above the bound in the median, and two in nearly all episodes."""
     policy = make_policy({"kind": "local_field", "law": "pose"}, info_of("Rotate"))
-    found = rollout(policy, "Rotate", seeds=range(FRESH, FRESH + 80), keep=Measures)
-    steps = np.rint((found.time_to_goal - found.bound) / found.step_time)
-    assert found.success.all() and steps.min() >= 0.0
-    assert np.median(found.time_over_bound) <= 1.06 and (steps <= 2.0).mean() >= 0.9
+    result = rollout(policy, "Rotate", seeds=range(FRESH, FRESH + 80), keep=Measures)
+    steps = np.rint((result.time_to_goal - result.bound) / result.step_time)
+    assert result.success.all() and steps.min() >= 0.0
+    assert np.median(result.time_over_bound) <= 1.06 and (steps <= 2.0).mean() >= 0.9
 
 
 def test_the_controller_decelerates_rotations_within_the_limits():

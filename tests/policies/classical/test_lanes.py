@@ -94,7 +94,7 @@ def test_when_rectangles_meet(dx, dy, vx, vy, expected):
 
 def chosen(centre, wanted, order=(0, 1)):
     """Return the choice of two straight blocks at rest."""
-    centre, wanted = (np.array([each], dtype=float) for each in (centre, wanted))
+    centre, wanted = (np.array([place], dtype=float) for place in (centre, wanted))
     pose = np.concatenate([centre, np.zeros((1, 2, 1))], axis=-1)
     reach = np.tile([0.025, 0.020], (1, 2, 1))
     crowd = Crowd(np.ones((1, 2), dtype=bool), centre, reach, wanted, np.array([order]), pose)

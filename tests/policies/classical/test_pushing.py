@@ -88,20 +88,20 @@ def test_paths_are_the_shortest_round_a_disc():
     short = np.angle(np.exp(1j * (policy.outline.direction - here[..., None])))
     sweeps = np.stack([short, short - np.copysign(2.0 * math.pi, short)], axis=2)
     middle = np.array([[0.416, 0.104]])
-    found = policy.travel(at, here, sweeps, middle, np.eye(2)[None])
-    found -= BARRED * policy.barred(here, sweeps, middle, np.eye(2)[None])
+    lengths = policy.travel(at, here, sweeps, middle, np.eye(2)[None])
+    lengths -= BARRED * policy.barred(here, sweeps, middle, np.eye(2)[None])
     direct = np.hypot(*(at[0, :, None] - policy.outline.place).transpose(2, 0, 1))
-    assert (found >= direct[:, None] - 1e-9).all()
+    assert (lengths >= direct[:, None] - 1e-9).all()
     for k in range(2):
         away = float(np.hypot(*at[0, k]))
         in_sight = np.abs(short[0, k]) < math.acos(radius / away)
         assert in_sight.any() and not in_sight.all()
-        assert found[0, k, 0, in_sight] == pytest.approx(direct[k, in_sight])
+        assert lengths[0, k, 0, in_sight] == pytest.approx(direct[k, in_sight])
         behind = ~in_sight
         tangent = math.sqrt(away**2 - radius**2)
         arc = radius * (np.abs(short[0, k, behind]) - math.acos(radius / away))
-        assert found[0, k, 0, behind] == pytest.approx(tangent + arc + np.abs(there - radius)[behind])
-    assert (found[:, :, 1] >= found[:, :, 0] - 1e-9).all()  # the other way round is longer
+        assert lengths[0, k, 0, behind] == pytest.approx(tangent + arc + np.abs(there - radius)[behind])
+    assert (lengths[:, :, 1] >= lengths[:, :, 0] - 1e-9).all()  # the other way round is longer
 
 
 def test_a_pusher_at_its_place_has_no_way_to_go():

@@ -17,11 +17,11 @@ def played(task, action, acts, **settings):
     """Observations of steps under actions (steps, worlds, parts, numbers) of parts."""
     env = batch(task, WORLDS, action=action, observation="parts", **settings)
     coding = coding_for(TaskInfo.of(env), action)
-    seen, found = env.reset(seed=4)[0], []
-    for each in acts:
-        seen = env.step(coding.decode(coding.encode(seen), each))[0]
-        found.append({name: value.copy() for name, value in seen.items()})
-    return found
+    seen, observations = env.reset(seed=4)[0], []
+    for act in acts:
+        seen = env.step(coding.decode(coding.encode(seen), act))[0]
+        observations.append({name: value.copy() for name, value in seen.items()})
+    return observations
 
 
 @pytest.mark.parametrize("task, settings", [("Align", {}), ("Sort", {"parts": ["steel_block", "aluminium_block"] * 2})])
@@ -75,7 +75,7 @@ def test_shared_elements_are_driven_by_the_nearest_part(places, there):
 def test_columns_are_picked_by_name_and_one_is_a_batch_of_one():
     info = info_of("Align")
     every = coding_for(info)
-    wanted = [each for each in every.columns if each[0] in ("element", "way_far", "way_fine", "turn")]
+    wanted = [column for column in every.columns if column[0] in ("element", "way_far", "way_fine", "turn")]
     fewer = coding_for(info, columns=wanted)
     assert (fewer.shape.columns, fewer.shape.neighbours, fewer.shape.place) == (7, 0, 0) and fewer.columns == wanted
     width = every.shape.columns
@@ -85,8 +85,8 @@ def test_columns_are_picked_by_name_and_one_is_a_batch_of_one():
     assert (rows == np.concatenate([seen["parts"][..., layout[name]] for name, _ in wanted], axis=-1)).all()
     assert (every.encode(seen).rows == seen["parts"]).all()
     for coding in (every, fewer):
-        one = coding.encode({name: each[1] for name, each in seen.items()})
-        assert_same(list(one), [each[1:] if each.shape[0] == 2 else each for each in coding.encode(seen)])
+        one = coding.encode({name: values[1] for name, values in seen.items()})
+        assert_same(list(one), [array[1:] if array.shape[0] == 2 else array for array in coding.encode(seen)])
     assert coding_for(info, columns=every.columns).columns == every.columns
 
 
@@ -166,8 +166,8 @@ def test_touching_reads_the_same_columns_with_remembers():
     rows[0, :, start["neighbour_1_gap"]], rows[1, 0, start["neighbour_1_gap"]] = 0.0, 0.01
     rows[0, 1, start["neighbour_1_there"]] = 0.0
     seen = {"parts": rows, "mask": np.ones((3, 2))}
-    for each in (coding, plain):
-        assert each.touching(each.encode(seen)).tolist() == [[1.0, 0.0], [1.0, 0.0], [0.0, 0.0]]
+    for reader in (coding, plain):
+        assert reader.touching(reader.encode(seen)).tolist() == [[1.0, 0.0], [1.0, 0.0], [0.0, 0.0]]
 
 
 def test_all_steps_are_forgotten_at_the_start_of_an_episode_and_before_an_arrival():

@@ -41,8 +41,8 @@ def test_rows_and_actions_move_with_the_scene(scene, angle, shift, seed):
     ]
     np.testing.assert_allclose(other.rows[0, 0, kept], one.rows[0, 0, kept], atol=2e-5)
     outputs = np.random.default_rng(seed).uniform(-0.7, 0.7, (1, 1, coding.shape.action)).astype(np.float32)
-    first, second = (coding.decode(each, outputs).reshape(3, 3) for each in (one, other))
-    velocity = [each[:, :2] * np.abs(each[:, :2]) for each in (first, second)]
+    first, second = (coding.decode(inputs, outputs).reshape(3, 3) for inputs in (one, other))
+    velocity = [episodes[:, :2] * np.abs(episodes[:, :2]) for episodes in (first, second)]
     cos, sin = np.cos(angle), np.sin(angle)
     np.testing.assert_allclose(velocity[1], velocity[0] @ np.array([[cos, sin], [-sin, cos]]), atol=1e-5)
     np.testing.assert_allclose(second[:, 2], first[:, 2], atol=1e-6)
@@ -62,10 +62,10 @@ def test_outputs_are_the_inverse_of_actions(scene, seed):
     inputs = coding.encode(seen)
     action = np.random.default_rng(seed).uniform(-0.7, 0.7, (1, 3, 3)).astype(np.float32)
     action[:, 2] = 0.0
-    found = coding.decode(inputs, coding.to_rows(inputs, action)).reshape(action.shape)
-    speeds = [each[..., :2] * np.abs(each[..., :2]) for each in (found, action)]  # the root amplifies rounding at 0
+    decoded = coding.decode(inputs, coding.to_rows(inputs, action)).reshape(action.shape)
+    speeds = [act[..., :2] * np.abs(act[..., :2]) for act in (decoded, action)]  # the root amplifies rounding at 0
     np.testing.assert_allclose(*speeds, atol=1e-6)
-    np.testing.assert_allclose(found[..., 2], action[..., 2], atol=1e-6)
+    np.testing.assert_allclose(decoded[..., 2], action[..., 2], atol=1e-6)
 
 
 def test_displacements_are_those_of_the_discs_from_the_part(scene):
@@ -74,8 +74,8 @@ def test_displacements_are_those_of_the_discs_from_the_part(scene):
     heading = pose[2, 2]
     frame = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
     names = np.array(names_of(env, coding))
-    found = coding.encode(seen).rows[0, 0, names == "away"].reshape(2, 2)
-    np.testing.assert_allclose(found * REACH, (pose[:2, :2] - pose[2, :2]) @ frame, atol=1e-6)
+    displacements = coding.encode(seen).rows[0, 0, names == "away"].reshape(2, 2)
+    np.testing.assert_allclose(displacements * REACH, (pose[:2, :2] - pose[2, :2]) @ frame, atol=1e-6)
 
 
 def transformed(equivalent, rows, outputs):

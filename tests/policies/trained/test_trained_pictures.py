@@ -101,14 +101,14 @@ def test_scenes_that_pixels_do_not_serve(arguments, named):
 def test_only_squares_with_something_in_them_are_looked_at(coding):
     planes = np.zeros((3, FRAMES + 1, 48, 192), dtype=np.uint8)
     planes[1, 2, 7, 100], planes[1, 2, 8, 101], planes[2, 0, 47, 191] = 51, 102, 255
-    found = occupied(planes.reshape(3, 1, -1), coding.shape)
-    assert found.plane.tolist() == [(FRAMES + 1) + 2, 2 * (FRAMES + 1)]
-    assert found.pixels.reshape(-1, CELL, CELL)[0].tolist() == pytest.approx(
+    squares = occupied(planes.reshape(3, 1, -1), coding.shape)
+    assert squares.plane.tolist() == [(FRAMES + 1) + 2, 2 * (FRAMES + 1)]
+    assert squares.pixels.reshape(-1, CELL, CELL)[0].tolist() == pytest.approx(
         np.array([[0, 0, 0], [0, 0.2, 0], [0, 0, 0.4]]), abs=1e-7
     )
     edge = CELL * SURFACE.element_size / 6
-    assert found.x == pytest.approx([33 * edge, 63 * edge], rel=1e-6)
-    assert found.y == pytest.approx([-2 * edge, -15 * edge], rel=1e-6)
+    assert squares.x == pytest.approx([33 * edge, 63 * edge], rel=1e-6)
+    assert squares.y == pytest.approx([-2 * edge, -15 * edge], rel=1e-6)
 
 
 @pytest.mark.parametrize("part", ["aluminium_block", {"shape": "disc", "radius": 0.03, "friction": 0.4}])
@@ -218,7 +218,7 @@ def test_ppo_trains_it_too(config):
 def test_altered_files(trained, tmp_path, key, value, named):
     tensors, record = load_set(trained, KIND, VERSION)
     load_trained(trained, SCENE)
-    kept = {name: each for name, each in record.items() if name not in ("format", "version", "tensors", "sha256")}
+    kept = {name: spec for name, spec in record.items() if name not in ("format", "version", "tensors", "sha256")}
     path = tmp_path / "altered.json"
     save_set(path, KIND, tensors, {**kept, key: value}, VERSION)
     with pytest.raises(ValueError, match=rf"altered\.json.*{named}"):

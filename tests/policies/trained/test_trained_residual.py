@@ -79,8 +79,8 @@ def test_the_base_receives_applied_actions(action):
         done[:, :3] = np.clip(done[:, :3] + 0.3, -1.0, 1.0)  # of the first part
         after = policy.acted(memory, proposed, done)
         seen, *_ = env.step(done)
-        given = env.unwrapped.core.action.live()["given"]
-        assert after.output.given == pytest.approx(given, rel=1e-4, abs=1e-3)
+        assumed = env.unwrapped.core.action.live()["given"]
+        assert after.output.given == pytest.approx(assumed, rel=1e-4, abs=1e-3)
         assert (after.acceleration[:, 1:] == memory.acceleration[:, 1:]).all()
         assert (after.acceleration[:, 0] != memory.acceleration[:, 0]).any()
         memory = after

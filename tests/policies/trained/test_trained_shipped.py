@@ -49,8 +49,8 @@ def table() -> dict[str, dict[str, str]]:
 
 def scenes(settings: TrainSettings) -> list[dict]:
     """Environments that the table's episodes are played in, the first few of many."""
-    found = evaluation_environments(settings)[:SCENES]
-    return [{name: value for name, value in each.items() if name not in ("action", "observation")} for each in found]
+    kept = evaluation_environments(settings)[:SCENES]
+    return [{name: value for name, value in scene.items() if name not in ("action", "observation")} for scene in kept]
 
 
 def record(name: str) -> dict:
@@ -80,13 +80,13 @@ def test_a_shipped_policy_succeeds_as_often_as_the_table_says(name):
     row = table()[name]
     settings = load_settings(FILES[row["agent"]], row["agent"])
     assert json.loads(row["environment"]) == settings.environment  # trained with the file's settings
-    task, each = row["agent"].partition("/")[0], scenes(settings)
+    task, every_scene = row["agent"].partition("/")[0], scenes(settings)
     success = []
-    for number, scene in enumerate(each):
+    for number, scene in enumerate(every_scene):
         env = gym.make_vec(environment_id(settings.task), num_envs=1, action=record(name)["action"], **scene)
         info = TaskInfo.of(env)
         policy = shipped(name, info)
-        count = (SINGLE if len(info.parts) == 1 else CROWD) // len(each)
+        count = (SINGLE if len(info.parts) == 1 else CROWD) // len(every_scene)
         seeds = range(FRESH + 1000 * number, FRESH + 1000 * number + count)
         if info.continuous_feed:  # parts come and go, and nothing succeeds
             played = rollout(policy, task, seeds=seeds[:2], keep=Measures, **scene)
@@ -120,8 +120,8 @@ def test_numbers_of_the_table_belong_together():
 @pytest.mark.parametrize("hardware", [{}, HARDWARE])
 @pytest.mark.parametrize("task", ["Transport", "Align", "Rotate", "Sort", "Pack"])
 def test_agents_serve_machines_near_the_frequency_of_their_training(task, hardware, frequency):
-    found = rollout("learned", task, seeds=range(FRESH, FRESH + 20), surface={"frequency": frequency}, **hardware)
-    assert found.success.mean() >= 0.95
+    result = rollout("learned", task, seeds=range(FRESH, FRESH + 20), surface={"frequency": frequency}, **hardware)
+    assert result.success.mean() >= 0.95
 
 
 def test_policies_do_not_serve_other_frequencies():

@@ -187,7 +187,7 @@ def test_a_loaded_policy_is_its_network(tmp_path, activation):
     assert action.shape == (7, 6) and action.dtype == np.float32
     assert (policy.predict(seen, state)[0] == action).all()  # it remembers nothing
     assert action == pytest.approx(np.clip(mean, -1, 1), abs=1e-5)
-    one, _ = policy.predict({name: each[2] for name, each in seen.items()})
+    one, _ = policy.predict({name: values[2] for name, values in seen.items()})
     assert one.shape == (6,) and one == pytest.approx(action[2], abs=1e-6)
     still = {**seen, "parts": 0 * seen["parts"]}
     draws = np.concatenate([policy.predict(still, deterministic=False)[0] for _ in range(50)])
@@ -205,7 +205,7 @@ def test_a_loaded_policy_remembers_what_its_file_states(tmp_path):
     for step in range(5):
         seen = observations(coding, 4, seed=step)
         (one, states[0]), (two, states[1]) = (
-            each.predict(seen, state) for each, state in zip((loaded, made), states, strict=True)
+            actor.predict(seen, state) for actor, state in zip((loaded, made), states, strict=True)
         )
         forgetful, _ = loaded.predict(seen)
         assert (one == two).all() and (one == forgetful).all() == (step == 0)
@@ -233,7 +233,7 @@ FIT = f"rows of {SHAPE.columns} numbers and actions of 6"
     ({"action": "patch"}, "tensors.*actions of 32"),
     ({"activation": "sine"}, "activation"),
     ({"network": "mlp"}, "network"), ({"network": "elements"}, "network"),
-    ({"network": "elements", "action": "patch", "columns": [each for each in COLUMNS if each[0] != "element"]},
+    ({"network": "elements", "action": "patch", "columns": [column for column in COLUMNS if column[0] != "element"]},
      "network"),
     ({"turned": None}, "turned"), ({"history": None}, "history"), ({"history": True}, "tensors.*rows of"),
     ({"history_columns": ["velocity"]}, "history_columns requires history"),
@@ -266,7 +266,7 @@ def test_a_policy_may_serve_any_surface_and_any_number_of_parts(tmp_path):
 
 
 def test_a_policy_in_double_precision_acts_as_the_same_in_single(tmp_path):
-    single, double = (load_trained(policy_file(tmp_path, INFO, each), INFO) for each in (NETWORK, DOUBLE))
+    single, double = (load_trained(policy_file(tmp_path, INFO, source), INFO) for source in (NETWORK, DOUBLE))
     seen = observations(single.coding, 7)
     assert (single.predict(seen)[0] == double.predict(seen)[0]).all()
 

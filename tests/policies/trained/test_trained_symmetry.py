@@ -75,7 +75,7 @@ def test_rows_of_neighbours():
 
 def test_rows_of_parts_with_zones():
     """Zones are a scene's, not a world's: one environment for each turn."""
-    found, side = [], SIDE * 0.026
+    rows, side = [], SIDE * 0.026
     poses = turned([[0.08, 0.10, 0.3], [0.20, 0.21, 1.0]], side)
     left = turned([[0.02, 0.03, 0.0], [0.11, 0.30, 0.0]], side)[..., :2]
     right = turned([[0.14, 0.03, 0.0], [0.23, 0.20, 0.0]], side)[..., :2]
@@ -84,8 +84,8 @@ def test_rows_of_parts_with_zones():
         zones = {name: [*corners.min(axis=0), *corners.max(axis=0)] for name, corners in zones.items()}
         env = scenes("Sort", parts=["steel_block", "aluminium_block"], zones=zones)
         assert env.surface.width == env.surface.depth == pytest.approx(side)
-        found.append(env.reset(seed=0, options={"pose": poses[k]})[0]["parts"][0])
-    assert_turned(env, np.array(found), 2e-5)
+        rows.append(env.reset(seed=0, options={"pose": poses[k]})[0]["parts"][0])
+    assert_turned(env, np.array(rows), 2e-5)
 
 
 def test_parts_of_different_symmetry_are_refused():

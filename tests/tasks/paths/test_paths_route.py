@@ -19,7 +19,7 @@ WINDOW = 0.06
 
 def made(start, lengths, curvatures, speed=0.15, acceleration=0.7, heading=0.0, along=0.0):
     rows = (start, lengths, curvatures, [0.0, speed, acceleration, WINDOW, heading, along])
-    return route.routes(*(np.array([each], dtype=float) for each in rows))[0]
+    return route.routes(*(np.array([values], dtype=float) for values in rows))[0]
 
 
 EITHER = st.sampled_from([0.0, 1.0])
@@ -124,7 +124,7 @@ REACH = Reach(SURFACE, BLOCK)
 
 
 def test_means_are_the_elliptic_integrals():
-    s, drag, across, along = (each[10:900] for each in means())
+    s, drag, across, along = (values[10:900] for values in means())
     m = 4 * s / (1 + s) ** 2
     k, e = ellipk(m), ellipe(m)
     i0, r1 = 2 / np.pi * k / (1 + s), 2 / np.pi * (1 + s) * e
