@@ -92,12 +92,12 @@ def read(kind, effects, worlds=200, samples=40, **timing):
         if KINDS[kind]["kind"] == "camera":  # key of the sensor, the same with effects and without
             uniform[:, :2] = np.random.default_rng(2).random((worlds, 2))
         sensor.reset(np.arange(worlds), state, uniform)
-        samples = []
+        readings = []
         for k in range(samples + 1):
             if k > 0:
                 sensor.sample(state)
-            samples.append((sensor.due.pose.copy(), sensor.due.seen.copy(), sensor.due.mean_velocity.copy()))
-        shown.append([np.array(values) for values in zip(*samples, strict=True)])
+            readings.append((sensor.due.pose.copy(), sensor.due.seen.copy(), sensor.due.mean_velocity.copy()))
+        shown.append([np.array(values) for values in zip(*readings, strict=True)])
     return shown
 
 

@@ -23,7 +23,7 @@ def played(true, pulses=40, noise=0.0, seed=0):
     learner, random = GainLearner(info), np.random.default_rng(seed)
     gains, shape = learner.begin(1), (1, info.surface.rows, info.surface.columns)
     left, late, off = np.zeros(3), [np.zeros(3)] * 2, np.zeros(3)
-    gyration = learner.numbers.gyration[0]
+    gyration = learner.constants.gyration[0]
     for step in range(12 * pulses):
         pose = POSE + off / [1.0, 1.0, gyration] + noise * random.normal(size=3)
         learner.learn(measurement(info, centre=pose[:2], heading=pose[2]), gains)
@@ -40,7 +40,7 @@ def played(true, pulses=40, noise=0.0, seed=0):
             if share > 0.0:
                 lost = (true[e] - 1.0) * (x[e] + 1j * y[e])
                 px, py = lost.real, lost.imag
-                missed += learner.numbers.shift[0] * np.array([share * px, share * py, lx * py - ly * px])
+                missed += learner.constants.shift[0] * np.array([share * px, share * py, lx * py - ly * px])
         late.append(missed)
         left = left + late.pop(0)
         off, left = 0.2 * left, 0.8 * left
