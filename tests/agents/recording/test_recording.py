@@ -86,7 +86,7 @@ def test_a_name_that_is_taken_and_a_full_disk(recorded, tmp_path, monkeypatch):
     def full(*arguments, **more):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(recording.minari, "create_dataset_from_buffers", full)
+    monkeypatch.setattr(recording, "create", full)
     with pytest.raises(WriteError, match="No space left"):
         recorded(dataset="vibgym/align/other-v0")
     assert sorted(tmp_path.rglob("*")) == before
