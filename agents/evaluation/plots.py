@@ -205,8 +205,8 @@ def draw_curves(curves: Mapping[str, Mapping[int | None, pd.DataFrame]], names: 
     left, right = figure.subplots(1, 2)
     for name, runs in curves.items():
         for curve in runs.values():
-            _draw_run(left, curve, 100.0 * curve["success"], look_of(name, names)["color"])
-            _draw_run(right, curve, curve["time_to_goal"], look_of(name, names)["color"])
+            _draw_run(left, curve, 100.0 * values(curve, "success"), look_of(name, names)["color"])
+            _draw_run(right, curve, values(curve, "time_to_goal"), look_of(name, names)["color"])
     most = max(1, *(int(curve["steps"].iloc[-1]) for runs in curves.values() for curve in runs.values()))
     for axes in (left, right):
         axes.xaxis.set_major_formatter(lambda value, _: steps_text(value))
@@ -220,15 +220,15 @@ def draw_curves(curves: Mapping[str, Mapping[int | None, pd.DataFrame]], names: 
     return png(figure)
 
 
-def _draw_run(axes: Axes, curve: pd.DataFrame, seen: pd.Series, colour: str) -> None:
+def _draw_run(axes: Axes, curve: pd.DataFrame, seen: np.ndarray, colour: str) -> None:
     """Draw one run, phase by phase; each phase begins where the one before has ended."""
-    end, steps = 0, curve["steps"]
+    end, steps = 0, values(curve, "steps")
     for phase, those in itertools.groupby(curve["phase"]):
         start, end = end, end + len(list(those))
         some = slice(max(start - 1, 0), end)
         pattern = IMITATION if phase == "imitation" else "-"
-        axes.plot(steps.iloc[some], seen.iloc[some], color=colour, linewidth=1.2, alpha=0.85, linestyle=pattern)
-    axes.plot(steps.iloc[-1], seen.iloc[-1], ".", color=colour, markersize=4.0)
+        axes.plot(steps[some], seen[some], color=colour, linewidth=1.2, alpha=0.85, linestyle=pattern)
+    axes.plot(steps[-1], seen[-1], ".", color=colour, markersize=4.0)
 
 
 def steps_text(steps: float) -> str:
