@@ -27,7 +27,7 @@ class Algorithm(Protocol):
     - ``actor()``, ``set_actor(tensors)``: tensors of the policy, to keep the best one of the learning curve.
     - ``save_policy(path, training)``: write a policy file at the end, and return its path if it is another one; without it the
       last checkpoint is the result.
-    - ``check_finite()``: raise :class:`agents.failures.Diverged`.
+    - ``check_finite()``: raise :class:`agents.checkpoint.Diverged`.
     - ``close()``.
 
     Args:

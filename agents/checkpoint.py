@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from agents.failures import Diverged
 from vibgym import checks
 from vibgym.files import write_atomically
 
 FILE = "checkpoint.pt"
 VERSION = 6
+
+
+class Diverged(RuntimeError):
+    """A weight or a loss is not finite; nothing has been written."""
 
 
 def save(directory: Path, state: Mapping[str, Any]) -> None:

@@ -15,7 +15,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agents.failures import TrainingError
 from vibgym import imports
 from vibgym.checks import Refused
 from vibgym.files import WriteError
@@ -34,6 +33,10 @@ EXTRAS = {
     "torch": "learn",
 }
 """Package -> the extra that provides it."""
+
+
+class TrainingError(RuntimeError):
+    """A training with valid settings diverged."""
 
 
 class Command(NamedTuple):
@@ -145,10 +148,3 @@ def side_by_side(parser: argparse.ArgumentParser, processes: bool = True) -> Non
 def some(parser: argparse.ArgumentParser, option: str) -> None:
     """Add an option that selects entries of the settings file by name; by default all."""
     parser.add_argument(option, action="append", metavar="NAME", help="only this one; may be repeated")
-
-
-def entered(context: contextlib.AbstractContextManager[object]) -> contextlib.ExitStack:
-    """Enter a context and return the stack that leaves it."""
-    held = contextlib.ExitStack()
-    held.enter_context(context)
-    return held

@@ -70,16 +70,16 @@ class PartsLearner:
         network, where, env = self.network, self.settings.algorithm, self.env.env
         layout = env.parts_layout
         for name in network.dropped_columns:
-            checks.choice(f"{where}.blind", name, tuple(row.name for row in layout))
+            checks.choice(f"{where}.dropped_columns", name, tuple(row.name for row in layout))
         columns = (
             [[row.name, row.width] for row in layout if row.name not in network.dropped_columns]
             if network.dropped_columns
             else None
         )
-        flags = network.turned, network.history, network.history_columns
-        coding = CODINGS[network.network](env.surface, env.parts, layout, self.action, columns, *flags)
+        memory = network.model_dump(include={"turned", "history", "history_columns"})
+        coding = CODINGS[network.network](env.surface, env.parts, layout, self.action, columns, **memory)
         if network.network == "elements" and not coding.shape.has_elements:
-            reason = "column 'element' is in 'blind'" if coding.shape.side else f"not {self.action!r}"
+            reason = "column 'element' is in 'dropped_columns'" if coding.shape.side else f"not {self.action!r}"
             raise checks.conflict(f"{where}.network 'elements' requires action 'element' or 'phasor' ({reason})")
         return coding
 
@@ -182,7 +182,7 @@ class PartsLearner:
         torch.set_rng_state(state["torch"])
 
     def check_finite(self) -> None:
-        """Raise :class:`agents.failures.Diverged` if a weight or an optimizer state is not finite."""
+        """Raise :class:`agents.checkpoint.Diverged` if a weight or an optimizer state is not finite."""
         checkpoint.check_finite(self.weights())
 
     def save(self, directory: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -51,20 +50,12 @@ class CurveRow(BaseSettings):
     cost: float = math.nan
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Learning curve, see :class:`CurveRow`. Arrays are (evaluations,); steps and seconds do not decrease."""
-
-    steps: np.ndarray
-    seconds: np.ndarray
-    phase: tuple[str, ...]
-    success: np.ndarray
-    time_to_goal: np.ndarray
-    return_: np.ndarray
+SHOWN = ["steps", "seconds", "phase", "success", "time_to_goal", "return_"]
+"""Columns of a learning curve that reports have."""
 
 
-def read_curve(path: Path, field: str) -> Curve:
-    """Read a learning curve, CSV with columns in any order.
+def read_curve(path: Path, field: str) -> pd.DataFrame:
+    """Return the columns :data:`SHOWN` of a learning curve, CSV with columns in any order; steps and seconds do not decrease.
 
     Args:
         path: of the file.
@@ -89,9 +80,7 @@ def read_curve(path: Path, field: str) -> Curve:
         for name in ("steps", "seconds"):
             if index > 2 and getattr(rows[-1], name) < getattr(rows[-2], name):
                 raise checks.refuse(f"{where}: {name}", getattr(rows[-1], name), "at least that of the line before")
-    columns: dict[str, Any] = {column.name: [getattr(row, column.name) for row in rows] for column in fields(Curve)}
-    arrays = {name: np.array(values) for name, values in columns.items() if name != "phase"}
-    return Curve(phase=tuple(columns["phase"]), **arrays)
+    return pd.DataFrame([vars(row) for row in rows], columns=SHOWN)
 
 
 def read_texts(path: Path) -> pd.DataFrame:

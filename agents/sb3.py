@@ -108,7 +108,7 @@ class SB3:
         return self.model.predict(observation, state, episode_start, deterministic)
 
     def check_finite(self) -> None:
-        """Raise :class:`agents.failures.Diverged` if a weight is not finite."""
+        """Raise :class:`agents.checkpoint.Diverged` if a weight is not finite."""
         check_finite(dict(self.model.policy.state_dict()))
 
     def save(self, directory: Path) -> None:

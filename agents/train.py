@@ -16,8 +16,8 @@ from tqdm import tqdm
 
 from agents import checkpoint, command_line, locks, parallel
 from agents.algorithms import ALGORITHMS
-from agents.command_line import Command
-from agents.failures import Diverged, TrainingError
+from agents.checkpoint import Diverged
+from agents.command_line import Command, TrainingError
 from agents.learning_curve import LearningCurve
 from agents.provenance import processor, versions
 from agents.training_file import load_settings

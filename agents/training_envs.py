@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -36,11 +36,16 @@ def make_worlds(settings: TrainSettings, observation: str) -> VecEnv:
     Args:
         settings: of the run.
         observation: the environment's ``observation=``.
+
+    Raises:
+        ValueError: fewer worlds than scenes, or an environment without a native batch.
     """
-    envs = []
-    for scene, share in divided("worlds", settings.worlds, settings.all_scenes):
+    envs, scenes = [], settings.all_scenes
+    if settings.worlds < len(scenes):
+        raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
+    for scene, share in zip(scenes, np.array_split(np.arange(settings.worlds), len(scenes)), strict=True):
         arguments = {"autoreset_mode": "SameStep", **settings.environment, **scene, "observation": observation}
-        env = batch_of(settings.task, num_envs=share, **arguments)
+        env = batch_of(settings.task, num_envs=len(share), **arguments)
         if not isinstance(env.unwrapped, VibgymVectorEnv):
             allowed = "a task or an id whose batch is a VibgymVectorEnv, wrapped or not"
             raise checks.refuse("task", settings.task, allowed)
@@ -52,18 +57,6 @@ def make_worlds(settings: TrainSettings, observation: str) -> VecEnv:
     worlds = VecEnv(*envs)
     worlds.seed(training_seed(settings.seed))
     return worlds
-
-
-def divided(argument: str, worlds: int, scenes: Sequence[dict[str, Any]]) -> list[tuple[dict[str, Any], int]]:
-    """Return scenes and their numbers of worlds, which differ by one at most.
-
-    Raises:
-        ValueError: fewer worlds than scenes; names the argument.
-    """
-    if worlds < len(scenes):
-        raise checks.refuse(argument, worlds, f"at least {len(scenes)}, one for each scene")
-    shares = np.array_split(np.arange(worlds), len(scenes))
-    return [(scene, len(share)) for scene, share in zip(scenes, shares, strict=True)]
 
 
 class ResidualEnv(VectorWrapper):

@@ -13,9 +13,10 @@ import torch
 from minari.storage.datasets_root_dir import get_dataset_path
 
 import vibgym
+from agents.recording.episodes import FILE, SCENE
 from agents.recording.record import scene_of
-from agents.recording.storage import FILE, SCENE, kept_in
 from vibgym import checks
+from vibgym.datasets import kept_in
 from vibgym.envs.actions import actions_by_part
 from vibgym.policies.trained.coding import Coding
 

@@ -20,8 +20,7 @@ from tqdm import tqdm
 
 import vibgym
 from agents import command_line, locks, parallel
-from agents.command_line import Command
-from agents.failures import TrainingError
+from agents.command_line import Command, TrainingError
 from agents.train import Training
 from agents.training_file import load_settings, load_tuning
 from vibgym import checks

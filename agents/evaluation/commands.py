@@ -40,10 +40,10 @@ def played(
         arguments: of the command line.
         source: file or directory of the settings, which errors name.
     """
-    with checks.within(source):
-        prepared = prepare()
-        directory, field = Path(prepared.settings.output), f"{prepared.settings.where}.output"
-        output_files((output_directory(directory, field) / name for name in files), field)
-        lock = command_line.entered(locks.one_run(directory, field))
-    with lock:
+    with contextlib.ExitStack() as lock:
+        with checks.within(source):
+            prepared = prepare()
+            directory, field = Path(prepared.settings.output), f"{prepared.settings.where}.output"
+            output_files((output_directory(directory, field) / name for name in files), field)
+            lock.enter_context(locks.one_run(directory, field))
         yield evaluate(prepared, arguments.quiet, arguments.ray)

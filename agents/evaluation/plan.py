@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from gymnasium.vector import VectorEnv
 
 import vibgym
@@ -25,9 +26,10 @@ from agents.evaluation.settings import (
     with_sensor,
 )
 from agents.evaluation.table import LOAD, REPORT, Place
-from agents.learning_curve import Curve, read_curve
+from agents.learning_curve import read_curve
 from agents.provenance import code, digest, user_modules
 from vibgym import checks
+from vibgym.config import json_values
 from vibgym.envs.vector import environment_id
 from vibgym.envs.viewer import scenery_of
 from vibgym.policies.measures import Measures, check_cost_limit, least_times, most_rates
@@ -64,7 +66,7 @@ def prepare(settings: RunSettings, entries: Mapping[str, Entry] | None = None) -
     """
     plan = _Cases(settings, entries or {})
     plan.add_main()
-    curves: dict[tuple[str, str], dict[int | None, Curve]] = {}
+    curves: dict[tuple[str, str], dict[int | None, pd.DataFrame]] = {}
     if isinstance(settings, EvaluationSettings):
         curves = plan.curves()
         for place, study in settings.studies.items():
@@ -77,19 +79,17 @@ class Infos:
     """Public information on environments, each of which is made once."""
 
     def __init__(self) -> None:
-        self._known: list[tuple[str, dict[str, Any], tuple[TaskInfo, Scenery]]] = []
+        self._known: dict[str, tuple[TaskInfo, Scenery]] = {}
 
     def of(self, task: str, environment: dict[str, Any], place: str) -> tuple[TaskInfo, Scenery]:
         """Return the information on an environment, and what its pictures show; errors begin with ``place``."""
-        for name, arguments, pair in self._known:
-            if (name, arguments) == (task, environment):
-                return pair
-        with checks.within(place):
-            env = certified_world(task, environment)
-        pair = TaskInfo.of(env), scenery_of(env.unwrapped)  # type: ignore[arg-type]
-        env.close()
-        self._known.append((task, environment, pair))
-        return pair
+        key = json.dumps([task, json_values(environment)], sort_keys=True, default=repr)
+        if key not in self._known:
+            with checks.within(place):
+                env = certified_world(task, environment)
+            self._known[key] = TaskInfo.of(env), scenery_of(env.unwrapped)  # type: ignore[arg-type]
+            env.close()
+        return self._known[key]
 
 
 class _Cases:
@@ -167,7 +167,7 @@ class _Cases:
         if self.settings.cost_limit is not None:
             check_cost_limit("suite.cost_limit", self.settings.cost_limit, task, environment)
 
-    def curves(self) -> dict[tuple[str, str], dict[int | None, Curve]]:
+    def curves(self) -> dict[tuple[str, str], dict[int | None, pd.DataFrame]]:
         """Return the learning curves, and check those of ladders."""
         ran = {case.place for case in self.cases}
         for index, ladder in enumerate(self.settings.ladders):

@@ -19,7 +19,6 @@ from matplotlib.ticker import MaxNLocator
 from agents.evaluation.figures import FAILURE, INK, MUTED, POLICY_COLOURS, SUCCESS, kind_colour, new_figure, png, style
 from agents.evaluation.films import Rollout
 from agents.evaluation.table import RATES, values, where
-from agents.learning_curve import Curve
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
 from vibgym.scene import Surface
@@ -200,15 +199,15 @@ def look_of(name: str, names: Sequence[str]) -> dict[str, Any]:
     return {"color": LINE_COLOURS[colour], "linestyle": PATTERNS[pattern % len(PATTERNS)]}
 
 
-def draw_curves(curves: Mapping[str, Mapping[int | None, Curve]], names: Sequence[str]) -> bytes:
+def draw_curves(curves: Mapping[str, Mapping[int | None, pd.DataFrame]], names: Sequence[str]) -> bytes:
     """Draw success rate and median time to goal over the steps of training: a line per run, a colour per policy."""
     figure = new_figure(8.6, 3.0)
     left, right = figure.subplots(1, 2)
     for name, runs in curves.items():
         for curve in runs.values():
-            _draw_run(left, curve, 100.0 * curve.success, look_of(name, names)["color"])
-            _draw_run(right, curve, curve.time_to_goal, look_of(name, names)["color"])
-    most = max(1, *(int(curve.steps[-1]) for runs in curves.values() for curve in runs.values()))
+            _draw_run(left, curve, 100.0 * values(curve, "success"), look_of(name, names)["color"])
+            _draw_run(right, curve, values(curve, "time_to_goal"), look_of(name, names)["color"])
+    most = max(1, *(int(curve["steps"].iloc[-1]) for runs in curves.values() for curve in runs.values()))
     for axes in (left, right):
         axes.xaxis.set_major_formatter(lambda value, _: steps_text(value))
         axes.set(xlim=(0.0, 1.02 * most))
@@ -221,15 +220,15 @@ def draw_curves(curves: Mapping[str, Mapping[int | None, Curve]], names: Sequenc
     return png(figure)
 
 
-def _draw_run(axes: Axes, curve: Curve, values: np.ndarray, colour: str) -> None:
+def _draw_run(axes: Axes, curve: pd.DataFrame, seen: np.ndarray, colour: str) -> None:
     """Draw one run, phase by phase; each phase begins where the one before has ended."""
-    end = 0
-    for phase, those in itertools.groupby(curve.phase):
+    end, steps = 0, values(curve, "steps")
+    for phase, those in itertools.groupby(curve["phase"]):
         start, end = end, end + len(list(those))
         some = slice(max(start - 1, 0), end)
         pattern = IMITATION if phase == "imitation" else "-"
-        axes.plot(curve.steps[some], values[some], color=colour, linewidth=1.2, alpha=0.85, linestyle=pattern)
-    axes.plot(curve.steps[-1], values[-1], ".", color=colour, markersize=4.0)
+        axes.plot(steps[some], seen[some], color=colour, linewidth=1.2, alpha=0.85, linestyle=pattern)
+    axes.plot(steps[-1], seen[-1], ".", color=colour, markersize=4.0)
 
 
 def steps_text(steps: float) -> str:

@@ -11,14 +11,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from agents import command_line
 from agents.command_line import Command
 from agents.evaluation import commands, pages
-from agents.evaluation.pages import grid
 from agents.evaluation.plan import prepare
-from agents.evaluation.report_page import LOAD_FIGURES, page, study_table, tables
+from agents.evaluation.report_page import page
 from agents.evaluation.rows import best_classical, differences, ladders, load_rows, rows, study_rows
 from agents.evaluation.run import GIF, Prepared, Results
 from agents.evaluation.settings import ComparisonSettings, EvaluationSettings
@@ -87,8 +84,7 @@ def write(results: Results, gif: Gif | None = None, quiet: bool = False) -> tupl
         best = best_classical(all_rows)
         more["best_classical"] = [{key: row[key] for key in ("task", "hardware", "policy")} for row in best.values()]
         more["curves"] = [
-            {"task": task, "policy": policy, "training_seed": seed}
-            | {name: np.asarray(series).tolist() for name, series in vars(curve).items()}
+            {"task": task, "policy": policy, "training_seed": seed} | curve.to_dict("list")
             for (task, policy), runs in results.curves.items()
             for seed, curve in runs.items()
         ]
@@ -106,15 +102,13 @@ def write(results: Results, gif: Gif | None = None, quiet: bool = False) -> tupl
         for k, study in enumerate(settings.generalisation)
     ]
     more["ladders"] = rungs
-    load, grids = load_rows(results), tables(results, all_rows)
+    load = load_rows(results)
     if settings.under_load is not None:
         more["load"] = {"task": settings.under_load.task, "results": load}
     if not compares:
         more["episodes"] = episodes
-    written = (
-        csv_text(all_rows), pages.json_text(results, all_rows, more), page(results, all_rows, gaps, cells, rungs, load),
-        csv_text(episodes),
-    )  # fmt: skip
+    html, text = page(results, all_rows, gaps, cells, rungs, load)
+    written = csv_text(all_rows), pages.json_text(results, all_rows, more), html, csv_text(episodes)
     directory, files = output_directory(Path(settings.output), f"{settings.where}.output"), FILES[settings.where]
     contents: dict[Path, str | bytes] = {
         directory / name: content for name, content in zip(files, written, strict=False)
@@ -122,11 +116,7 @@ def write(results: Results, gif: Gif | None = None, quiet: bool = False) -> tupl
     if gif is not None:
         contents[gif.path] = next(pictures[GIF] for pictures in results.pictures.values() if GIF in pictures)
     write_together(contents)
-    if settings.effects is not None:
-        grids.append(study_table(results, settings.effects, cells["effects"])[0])
-    if load:
-        grids.append(grid("Under load", load, LOAD_FIGURES))
-    return directory / files[2], "\n\n".join(table.markdown() for table in grids)
+    return directory / files[2], text
 
 
 # -- commands ----------------------------------------------------------------------------------------------------------

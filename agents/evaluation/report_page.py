@@ -28,6 +28,9 @@ from agents.evaluation.table import (
 OPEN_BELOW = 0.95
 """Success rate of its best policy below which a task is open."""
 
+PRINTED = ("results", "effects", "load")
+"""Sections whose tables the command prints."""
+
 UNEQUAL = 1.05
 """Largest ratio of training budgets that count as equal."""
 
@@ -153,8 +156,8 @@ def page(
     cells: Mapping[str, Sequence[Row]],
     rungs: Sequence[Row],
     load: Sequence[Row],
-) -> str:
-    """Return the page as HTML."""
+) -> tuple[str, str]:
+    """Return the page as HTML, and the tables of the sections :data:`PRINTED` in Markdown."""
     settings, best = results.settings, best_rows(results, all_rows)
     compares, names = settings.where == "comparison", ", ".join(results.tasks)
     sections = [
@@ -188,9 +191,12 @@ def page(
         sections.append(Section("load", f"{settings.under_load.task} under load", [picture, lines]))
     if compares:
         lead = "Learned, hybrid and classical policies on the same starts and goals."
-        return pages.page(results, "compare", f"Comparison: {names}", lead, sections)
-    lead = "Every policy meets the same starts and goals, on the same seeds."
-    return pages.page(results, "evaluate", f"How well each policy does: {names}", lead, sections)
+        html = pages.page(results, "compare", f"Comparison: {names}", lead, sections)
+    else:
+        lead = "Every policy meets the same starts and goals, on the same seeds."
+        html = pages.page(results, "evaluate", f"How well each policy does: {names}", lead, sections)
+    printed = [block for section in sections if section.id in PRINTED for block in section.blocks]
+    return html, "\n\n".join(block.markdown() for block in printed if isinstance(block, Grid))
 
 
 def _dot(results: Results, name: str) -> str:
@@ -284,7 +290,7 @@ def _curves(results: Results) -> list[Any]:
                 "training seeds": lambda run: str(len(run[1])),
             }
             for name, (head, _) in TEXTS.items():
-                columns[head] = lambda run, name=name: _listed(name, [getattr(c, name)[-1] for c in run[1].values()])
+                columns[head] = lambda run, name=name: _listed(name, [c[name].iloc[-1] for c in run[1].values()])
             lines = grid(f"Learning curves, {task}", list(runs.items()), columns)
             picture = Picture(data_address(plots.draw_curves(runs, results.settings.names)), alt)
             blocks += [Heading(task), picture, lines]

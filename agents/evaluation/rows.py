@@ -168,7 +168,7 @@ def ladders(results: Results, all_rows: Sequence[Row]) -> list[dict[str, Any]]:
             place = Place(REPORT, ladder.task, hardware, name)
             first, *others = (row for row in all_rows if (row["task"], row["hardware"], row["policy"]) == place[1:])
             curves = results.curves[ladder.task, name].values()
-            budget = {key: [getattr(curve, key)[-1].item() for curve in curves] for key in ("steps", "seconds")}
+            budget = {key: [curve[key].iloc[-1].item() for curve in curves] for key in ("steps", "seconds")}
             steps.append({"policy": name, "action": actions[place], **budget, "row": first, "runs": others})
         result.append({"name": ladder.name, "task": ladder.task, "hardware": hardware, "steps": steps})
     return result

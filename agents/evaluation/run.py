@@ -18,7 +18,6 @@ from agents import parallel
 from agents.evaluation import plots
 from agents.evaluation.films import FILE, PAGE, Rollout, film_gif
 from agents.evaluation.table import RECORDED, REPORT, Place, frame, where
-from agents.learning_curve import Curve
 from agents.provenance import digest, policy_files, policy_sources, provenance
 from vibgym import checks
 from vibgym.envs.vector import environment_id
@@ -235,7 +234,7 @@ class Prepared:
     cases: tuple[Case, ...]
     code: str
     refused: dict[Place, str] = field(default_factory=dict)
-    curves: dict[tuple[str, str], dict[int | None, Curve]] = field(default_factory=dict)
+    curves: dict[tuple[str, str], dict[int | None, pd.DataFrame]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

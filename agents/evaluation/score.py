@@ -141,7 +141,9 @@ DETAILS: dict[str, Callable[[Row], Cell | str]] = {
     "hardware": lambda row: row["hardware"],
     "policy": lambda row: row["policy"],
     "score": lambda row: _score(row),
-    "success": lambda row: "–" if _flows(row) else quantity(row["success_rate"], 100.0, 1, "%"),
+    "success": lambda row: (
+        "–" if math.isfinite(row["rate_bound_per_minute"]) else quantity(row["success_rate"], 100.0, 1, "%")
+    ),
     "time to goal": lambda row: quantity(row["time_to_goal_median_s"], 1.0, 2, "s"),
     "bound": lambda row: quantity(row["bound_median_s"], 1.0, 2, "s"),
     "bound a minute": lambda row: quantity(row["rate_bound_per_minute"], 1.0, 0, ""),
@@ -155,10 +157,6 @@ DETAILS: dict[str, Callable[[Row], Cell | str]] = {
     "policy, a step": lambda row: quantity(row["seconds_per_step"], 1e3, 2, "ms"),
 }
 """Columns of the table of what scores are made of."""
-
-
-def _flows(row: Row) -> bool:
-    return math.isfinite(row["rate_bound_per_minute"])
 
 
 def _score(row: Row) -> Cell:

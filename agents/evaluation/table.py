@@ -376,9 +376,9 @@ def percent(row: Mapping[str, Any]) -> str:
     return f"{100 * row['success_rate']:.1f}"
 
 
-def percent_between(row: Mapping[str, Any], joint: str = " to ") -> str:
+def percent_between(row: Mapping[str, Any]) -> str:
     """Return the interval of the success rate without its unit."""
-    return f"{100 * row['success_low']:.1f}{joint}{100 * row['success_high']:.1f}"
+    return f"{100 * row['success_low']:.1f} to {100 * row['success_high']:.1f}"
 
 
 def plain(value: Any) -> Any:

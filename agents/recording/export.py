@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 
 from agents.command_line import Command
-from agents.recording.play import Episode
+from agents.recording.episodes import SCENE, Episode
 from agents.recording.replay import opened
-from agents.recording.storage import SCENE
 from vibgym import checks
 from vibgym.adapters.lerobot import KEYS, KINDS, names_of, observation_from, text_of
 from vibgym.files import WriteError, reason

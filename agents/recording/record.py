@@ -10,14 +10,12 @@ import os
 import re
 import tempfile
 import time
-import warnings
 from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
-import minari
 import numpy as np
 from minari.storage.datasets_root_dir import get_dataset_path
 from pydantic import Field, field_validator, model_validator
@@ -26,13 +24,12 @@ from tqdm import tqdm
 import vibgym
 from agents import command_line, locks
 from agents.command_line import Command
-from agents.recording import storage
-from agents.recording.play import play
+from agents.recording.episodes import SCENE, play, write
 from agents.recording.replay import WORLDS, replayed
-from agents.recording.storage import SCENE, kept_in
 from agents.training_settings import Arguments, Plain
 from vibgym import checks
 from vibgym.config import load_yaml
+from vibgym.datasets import create, kept_in
 from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import WriteError, reason
 from vibgym.policies.registry import make_policy
@@ -203,23 +200,18 @@ def _write(settings: RecordSettings, policy: Policy, arguments: dict[str, Any], 
         closing(worlds_of(settings.task, count, **environment)) as env,
         closing(worlds_of(settings.task, WORLDS, **environment)) as other,
     ):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # about the missing author and permanent link
-            data = minari.create_dataset_from_buffers(
-                settings.dataset,
-                [],
-                env=spec,
-                action_space=env.single_action_space,
-                observation_space=env.single_observation_space,
-                algorithm_name=settings.label,
-                description=f"{settings.episodes} episodes of {settings.label} on {name}.",
-                code_permalink=None,
-                requirements=[f"vibgym=={vibgym.__version__}"],
-                jpeg_encoding=False,
-            )
+        data = create(
+            settings.dataset,
+            [],
+            env=spec,
+            action_space=env.single_action_space,
+            observation_space=env.single_observation_space,
+            algorithm_name=settings.label,
+            description=f"{settings.episodes} episodes of {settings.label} on {name}.",
+        )
         seeds = range(settings.first_seed, settings.first_seed + settings.episodes)
         episodes = replayed(play(Actor(policy, env, settings), env, seeds), other)
-        highest = storage.write(data, tqdm(episodes, total=settings.episodes, unit="episode", disable=quiet))
+        highest = write(data, tqdm(episodes, total=settings.episodes, unit="episode", disable=quiet))
         how = {"action": policy.action, "observation": settings.observation, "vibgym": vibgym.__version__}
         scene = json.dumps({**scene_of(env.unwrapped), **how})
         lowest = random_return(settings, env.single_action_space.shape, arguments)

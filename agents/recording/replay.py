@@ -19,9 +19,9 @@ from tqdm import tqdm
 
 import vibgym
 from agents.command_line import Command
-from agents.recording.play import Episode, play
-from agents.recording.storage import SCENE, kept_in, read
+from agents.recording.episodes import SCENE, Episode, play, read
 from vibgym import checks
+from vibgym.datasets import kept_in
 from vibgym.policies.rollout import worlds_of
 
 WORLDS = 64

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Sequence
 
@@ -31,10 +32,10 @@ def accuracy(arguments: argparse.Namespace) -> None:
     from studies.accuracy import page, report, settings
 
     asked = settings.load_settings(arguments.config, None if arguments.output is None else str(arguments.output))
-    with checks.within(arguments.config):
-        prepared = report.prepare(asked)
-        held = command_line.entered(locks.one_run(prepared.output))
-    with held:  # lock the directory until the files are written
+    with contextlib.ExitStack() as lock:  # of the directory, until the files are written
+        with checks.within(arguments.config):
+            prepared = report.prepare(asked)
+            lock.enter_context(locks.one_run(prepared.output))
         results = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
         path = page.write(results, prepared.output)
     if not arguments.quiet and sys.stderr.isatty():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from agents.recording.record import RecordSettings, record
-from agents.recording.storage import kept_in
+from vibgym.datasets import kept_in
 
 ROOT = Path(__file__).parents[2]
 NAME = "vibgym/align/pose-v0"

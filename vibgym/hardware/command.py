@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 import socket
 import time
-from typing import Any
 
 from vibgym import checks
+from vibgym.config import from_text
 from vibgym.hardware.driver import MachineError
 from vibgym.hardware.remote import Session
 from vibgym.hardware.simulated import SimulatedDriver
@@ -18,7 +17,10 @@ from vibgym.hardware.wire import Channel
 def serve(arguments: argparse.Namespace) -> int:
     """Serve control loops, one after the other."""
     seed, clock = arguments.seed, None if arguments.lockstep else time.monotonic
-    driver = SimulatedDriver(arguments.task, seed=seed, **_settings(arguments.settings))
+    settings = from_text("--settings", arguments.settings)
+    if not isinstance(settings, dict):
+        raise checks.refuse("--settings", arguments.settings, "a JSON object")
+    driver = SimulatedDriver(arguments.task, seed=seed, **settings)
     hold = checks.count("--hold", arguments.hold, least=0)
     try:
         listener = socket.create_server((arguments.host, arguments.port))
@@ -36,14 +38,3 @@ def serve(arguments: argparse.Namespace) -> int:
                     print(error, flush=True)
             seed = None if seed is None else seed + 1
             driver.start(seed)
-
-
-def _settings(text: str) -> dict[str, Any]:
-    """Return keyword arguments from JSON."""
-    try:
-        settings = json.loads(text)
-    except ValueError as error:
-        raise checks.refuse("--settings", text, f"JSON ({error})") from None
-    if not isinstance(settings, dict):
-        raise checks.refuse("--settings", text, "a JSON object")
-    return settings

@@ -10,6 +10,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.actuators import DataSheet
 from vibgym.identification.log import Log
+from vibgym.identification.machine import Camera
 from vibgym.identification.plant import LOCAL, Parameters
 from vibgym.identification.segments import Segment
 from vibgym.scene.parts import Part
@@ -142,17 +143,11 @@ def starts_of(segments: Sequence[Segment], parameters: Parameters, surface: Surf
 
     The velocity at the start of a period differs from the mean one by that of a part on elements at rest.
     """
-    scale, turn, x, y = parameters.camera
-    middle = 0.5 * np.array([surface.width, surface.depth])
-    back = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]) / scale
-    starts = np.zeros((len(segments), LOCAL))
+    camera, starts = Camera(*parameters.camera.tolist()), np.zeros((len(segments), LOCAL))
     for k, segment in enumerate(segments):
         some = slice(0, 7)
         time = segment.instant[some] * surface.period
-        pose = segment.pose[some].copy()
-        pose[:, :2] = (pose[:, :2] - middle - [x, y]) @ back.T + middle
-        pose[:, 2] -= turn
-        fitted = np.polynomial.polynomial.polyfit(time, pose, 2)
+        fitted = np.polynomial.polynomial.polyfit(time, camera.corrected(segment.pose[some], surface), 2)
         starts[k, :3], starts[k, 3:] = fitted[0], fitted[1]
         starts[k, 3:5] += surface.idle_velocity(float(parameters.friction[segment.kind]))
     return starts

@@ -171,7 +171,7 @@ class Plant:
             path = self._simulate(kind, batch, parameters, parameters.horizontal_amplitude, **knobs)
             for k, segment in enumerate(some):
                 seen = self._at(segment, path[:, k * len(tried) : (k + 1) * len(tried)])
-                predicted[segment] = _camera(parameters).measured(seen, self.surface).swapaxes(0, 1)
+                predicted[segment] = Camera(*parameters.camera.tolist()).measured(seen, self.surface).swapaxes(0, 1)
         return [predicted[segment][0] if zones is None else predicted[segment] for segment in which]
 
     def laws(
@@ -325,7 +325,7 @@ class Plant:
     ) -> Derivatives:
         """Return a segment's derivatives from its worlds."""
         poses = self._at(segment, path)  # (n, worlds, 3)
-        camera, middle = _camera(parameters), 0.5 * np.array([self.surface.width, self.surface.depth])
+        camera, middle = Camera(*parameters.camera.tolist()), 0.5 * np.array([self.surface.width, self.surface.depth])
         seen = camera.measured(poses, self.surface)
         n, kinds, base = len(poses), len(self.kinds), seen[:, 0]
         shared = np.zeros((n, 3, kinds + len(Parameters.GLOBALS)))
@@ -358,8 +358,3 @@ class Plant:
 def _unit(parameters: Parameters) -> np.ndarray:
     """Return (rows, columns) complex responses of elements with a gain of 1."""
     return np.exp(1j * (parameters.phase + parameters.elements[..., 1]))
-
-
-def _camera(parameters: Parameters) -> Camera:
-    scale, turn, x, y = parameters.camera.tolist()
-    return Camera(scale, turn, x, y)

@@ -85,9 +85,9 @@ def dashes(points: np.ndarray, length: float) -> list[np.ndarray]:
     return pieces
 
 
-def circle_points(centre: np.ndarray, radius: float, corners: int = 96) -> np.ndarray:
-    """Return points (corners, 2) of a circle."""
-    angle = np.arange(corners) * (2.0 * np.pi / corners)
+def circle_points(centre: np.ndarray, radius: float) -> np.ndarray:
+    """Return points (96, 2) of a circle."""
+    angle = np.arange(96) * (2.0 * np.pi / 96)
     return centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 

@@ -4,7 +4,7 @@ import minari
 import pytest
 
 from agents.recording.record import RecordSettings, record
-from agents.recording.storage import kept_in
+from vibgym.datasets import kept_in
 
 NAME = "vibgym/align/pose-v0"
 GIVEN = {

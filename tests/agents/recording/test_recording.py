@@ -88,7 +88,7 @@ def test_failures_leave_what_was_recorded(recorded, tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
-        patch.setattr(recording.minari, "create_dataset_from_buffers", full)
+        patch.setattr(recording, "create", full)
         with pytest.raises(WriteError, match="No space left"):
             recorded(dataset="vibgym/align/other-v0")
     assert sorted(tmp_path.rglob("*")) == before

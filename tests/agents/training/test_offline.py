@@ -11,8 +11,8 @@ import torch
 
 from agents.flow import Flow, FlowActor
 from agents.offline import Offline
+from agents.recording.episodes import SCENE
 from agents.recording.record import RecordSettings, record
-from agents.recording.storage import SCENE
 from agents.train import Training
 from agents.training_file import settings_from
 from agents.transitions import Transitions

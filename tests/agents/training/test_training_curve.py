@@ -196,7 +196,7 @@ def test_a_curve_is_read(tmp_path):
     path = tmp_path / "curve.csv"
     path.write_text("phase,steps,success,seconds,return_,time_to_goal\nppo,8,0.25,1.5,-2,3.25\n")
     curve = read_curve(path, "curve")
-    assert (curve.steps.tolist(), curve.seconds.tolist(), curve.phase) == ([8], [1.5], ("ppo",))
+    assert (curve.steps.tolist(), curve.seconds.tolist(), curve.phase.tolist()) == ([8], [1.5], ["ppo"])
     assert (curve.success.tolist(), curve.time_to_goal.tolist(), curve.return_.tolist()) == ([0.25], [3.25], [-2.0])
 
 

@@ -13,7 +13,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from agents import __main__ as command
 from agents import checkpoint
-from agents.failures import Diverged
+from agents.checkpoint import Diverged
 from agents.ppo import PPO
 from agents.sb3 import SB3
 from agents.train import Log, Training

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import copy
-import os
 import threading
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +11,8 @@ import gymnasium as gym
 import numpy as np
 from PIL import Image
 
-import vibgym
 from vibgym import checks, extras
+from vibgym.datasets import create, kept_in
 from vibgym.envs.viewer import Viewer
 from vibgym.plugins.play.world import World
 
@@ -101,7 +99,6 @@ class Recorder:
             ModuleNotFoundError: the extra ``data`` is not installed.
         """
         try:
-            import minari
             from minari.data_collector import EpisodeBuffer
         except ModuleNotFoundError as error:
             raise extras.missing("an episode", error, "data") from None
@@ -125,24 +122,7 @@ class Recorder:
         spec = copy.deepcopy(gym.spec(self.settings.id))
         spec.kwargs.update(self.settings.arguments())
         folder.mkdir(parents=True, exist_ok=True)
-        with _MINARI, warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # about missing author and permanent link
-            before = os.environ.get("MINARI_DATASETS_PATH")
-            os.environ["MINARI_DATASETS_PATH"] = str(folder)
-            try:
-                minari.create_dataset_from_buffers(
-                    name,
-                    buffers,
-                    env=spec,
-                    algorithm_name=self.settings.policy,
-                    description=f"Played by hand on {self.settings.id}.",
-                    code_permalink=None,
-                    requirements=[f"vibgym=={vibgym.__version__}"],
-                    jpeg_encoding=False,
-                )
-            finally:
-                if before is None:
-                    del os.environ["MINARI_DATASETS_PATH"]
-                else:
-                    os.environ["MINARI_DATASETS_PATH"] = before
+        with _MINARI, kept_in(str(folder)):
+            description = f"Played by hand on {self.settings.id}."
+            create(name, buffers, env=spec, algorithm_name=self.settings.policy, description=description)
         return folder / name

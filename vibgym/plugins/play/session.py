@@ -22,6 +22,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, ValidationError, validate_call
 
 from vibgym import Part, checks
+from vibgym.datasets import ROOT
 from vibgym.plugins.play.choices import Settings, settings_of
 from vibgym.plugins.play.picture import frame_of, scene_of
 from vibgym.plugins.play.recording import Recorder
@@ -333,7 +334,7 @@ class Session:
         except Exception:
             self._recorder = recorder  # keep the recording
             raise
-        text = f"written: {path} (MINARI_DATASETS_PATH={self.output}, data set play/{name}-v0)"
+        text = f"written: {path} ({ROOT}={self.output}, data set play/{name}-v0)"
         return [{"kind": "kept", "text": text}]
 
     @message

@@ -41,7 +41,7 @@ SURPRISE = 3.0  # standard deviations beyond which elements are taken to be faul
 FAULT = 0.3  # standard deviation of their gains then
 WANDER = 0.002  # standard deviation by which gains change in a step in which they act
 SLOW, SLOW_TURN = 0.040, 1.5  # m/s and rad/s, below which the linear motion holds
-MAX, MAX_PHASE, MIN = 1.3, 0.35, 0.35  # limits of gains and of phases (rad); elements below LEAST count as dead
+MAX, MAX_PHASE, MIN = 1.3, 0.35, 0.35  # limits of gains and of phases (rad); elements below MIN count as dead
 CAUTION = 1.2  # spread that the allocator assumes over the estimated standard deviation
 SURE = 0.08  # minimum spread of an element whose gain has been estimated
 

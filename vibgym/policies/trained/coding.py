@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,6 +76,8 @@ class Coding:
     dtype: Any = np.float32  # of rows
     shape: Any
     equivalents: Sequence[Any] = ()
+    turned, history = False, 0
+    history_columns: Sequence[str] = ()
     _code: Callable[[np.ndarray], np.ndarray] | None = None
     _turns: Turns | None = None
     _nearest: list[int] | None = None
@@ -251,7 +253,7 @@ class ImageCoding(Coding):
         layout: not used; an image has no columns.
         action: the environment's ``action=``.
         columns: ``[["part", frames], ["goal", 1]]``; None: :data:`FRAMES` frames.
-        turned, history, history_columns: False and empty.
+        memory: ``turned``, ``history`` and ``history_columns``, False and empty.
 
     Raises:
         ValueError: several parts, an action that is not by part, or other columns.
@@ -266,15 +268,10 @@ class ImageCoding(Coding):
         layout: Sequence[Any],
         action: str,
         columns: Sequence[Sequence[Any]] | None = None,
-        turned: bool = False,
-        history: int = 0,
-        history_columns: Sequence[str] = (),
+        **memory: Any,
     ) -> None:
         self.surface, self.parts, self.action = surface, tuple(parts), action
-        self.turned, self.history, self.history_columns = turned, steps_of(history), list(history_columns)
-        for name, value in (("turned", turned), ("history", history), ("history_columns", history_columns)):
-            if value:
-                raise checks.conflict(f"{name} is not supported by network 'pixels'")
+        refuse_memory("pixels", memory)
         if len(parts) != 1:
             raise checks.conflict(f"network 'pixels' requires one part, got {len(parts)}")
         checks.choice("action", action, actions_by_part())
@@ -330,6 +327,14 @@ def steps_of(history: Any) -> int:
     """
     whole = int(history) if isinstance(history, bool) else history
     return checks.count("history", whole, least=0, most=MAX_REMEMBERED)
+
+
+def refuse_memory(network: str, memory: Mapping[str, Any]) -> None:
+    """Raise ValueError if ``turned``, ``history`` or ``history_columns`` are set, which a network does not support."""
+    steps_of(memory.get("history", 0))
+    for name, value in memory.items():
+        if value:
+            raise checks.conflict(f"{name} is not supported by network {network!r}")
 
 
 def recalled_of(history_columns: Any, layout: Sequence[Any], steps: int) -> list[Any]:

@@ -72,15 +72,12 @@ class FlowPolicy:
         coding: of the environment.
         flow: ``horizon``, actions of a plan; ``executed``, those that are executed before the next one; ``steps`` of Euler's
             method from noise to actions; ``scale`` of actions.
-        seed: of the noise.
 
     Raises:
         ValueError: an invalid ``flow``.
     """
 
-    def __init__(
-        self, tensors: Mapping[str, np.ndarray], network: str, coding: Coding, flow: Any, seed: int = 0
-    ) -> None:
+    def __init__(self, tensors: Mapping[str, np.ndarray], network: str, coding: Coding, flow: Any) -> None:
         self.tensors, self.coding = tensors, coding
         self.action, self.observation = coding.action, coding.observation
         if not isinstance(flow, dict) or set(flow) != {"horizon", "executed", "steps", "scale"}:
@@ -90,7 +87,7 @@ class FlowPolicy:
         self.euler = checks.count("flow.steps", flow["steps"], most=1000)
         self.scale = np.float32(checks.number("flow.scale", flow["scale"], above=0.0, most=10.0))
         self._encode = ENCODERS[checks.choice("network", network, tuple(ENCODERS))]
-        self.generator, self._seed, self._noises = np.random.default_rng(seed), seed, list[np.ndarray]()
+        self.generator, self._noises = np.random.default_rng(0), list[np.ndarray]()
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -133,6 +130,6 @@ class FlowPolicy:
         if not deterministic:
             return self.generator.standard_normal((len(count), *shape), dtype=np.float32)
         while len(self._noises) <= count.max():
-            stream = np.random.default_rng([self._seed, len(self._noises)])
+            stream = np.random.default_rng([0, len(self._noises)])
             self._noises.append(stream.standard_normal(shape, dtype=np.float32))
         return np.stack([self._noises[number] for number in count])

@@ -14,7 +14,7 @@ import numpy as np
 
 from vibgym import Part, Surface, checks
 from vibgym.envs.motions import Velocity
-from vibgym.policies.trained.coding import Coding, Inputs
+from vibgym.policies.trained.coding import Coding, Inputs, refuse_memory
 from vibgym.policies.trained.symmetry import SIDES, VECTORS
 
 REACH = 0.1
@@ -73,15 +73,11 @@ class JointCoding(Coding):
         layout: Sequence[Any],
         action: str,
         columns: Sequence[Sequence[Any]] | None = None,
-        turned: bool = False,
-        history: int = 0,
-        history_columns: Sequence[str] = (),
+        **memory: Any,
     ) -> None:
-        for name, value in (("turned", turned), ("history", history), ("history_columns", history_columns)):
-            if value:
-                raise checks.conflict(f"{name} is not supported by network 'joint'")
+        refuse_memory("joint", memory)
         checks.choice("action", action, ("velocity",))
-        super().__init__(surface, parts, layout, action, columns, history=history)
+        super().__init__(surface, parts, layout, action, columns)
         names, starts = [name for name, _ in self.columns], np.cumsum([0, *(width for _, width in self.columns)])
         for name in ("position", "heading"):
             if name not in names:

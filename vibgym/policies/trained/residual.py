@@ -119,7 +119,7 @@ class ResidualPolicy:
         single = np.ndim(observation["mask"]) == 1
         seen = {name: np.asarray(entry)[None] for name, entry in observation.items()} if single else observation
         if state is not None and not isinstance(state, ResidualMemory):
-            raise checks.refuse("state", type(state).__name__, "None, or what predict() returned: Memory")
+            raise checks.refuse("state", type(state).__name__, "None, or what predict() returned: ResidualMemory")
         memory = ResidualMemory(None, None) if state is None else state
         proposed, base = self.base.policy.predict(seen["state"], memory.base, episode_start, deterministic)
         rows = {"parts": self.base.rows(seen["parts"], proposed), "mask": seen["mask"]}

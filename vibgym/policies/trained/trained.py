@@ -52,15 +52,12 @@ class TrainedPolicy:
         network: among :data:`vibgym.policies.trained.networks.ACTING`.
         activation: of the hidden layers, ``"tanh"`` or ``"relu"``.
         coding: of the environment.
-        seed: of the exploration.
     """
 
-    def __init__(
-        self, tensors: Mapping[str, np.ndarray], network: str, activation: str, coding: Coding, seed: int = 0
-    ) -> None:
+    def __init__(self, tensors: Mapping[str, np.ndarray], network: str, activation: str, coding: Coding) -> None:
         self.tensors, self.network, self.activation, self.coding = tensors, ACTING[network], activation, coding
         self.action, self.observation = coding.action, coding.observation
-        self.generator = np.random.default_rng(seed)
+        self.generator = np.random.default_rng(0)  # of the exploration
 
     def outputs(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return mean and log std (worlds, parts, values) for rows (worlds, parts, columns)."""
@@ -171,12 +168,9 @@ def network_of(
     if not isinstance(columns, list) or not all(isinstance(column, list) and len(column) == 2 for column in columns):
         raise checks.refuse(f"{name}: columns", columns, "a list of names and widths")
     with checks.within(name):
-        flags: Any = (
-            checks.flag("turned", record.get("turned")),
-            record.get("history"),
-            record.get("history_columns", ()),
-        )
-        coding = CODINGS[network](info.surface, info.parts, info.parts_layout, action, columns, *flags)
+        memory: Any = {"history": record.get("history"), "history_columns": record.get("history_columns", ())}
+        memory["turned"] = checks.flag("turned", record.get("turned"))
+        coding = CODINGS[network](info.surface, info.parts, info.parts_layout, action, columns, **memory)
     if network == "elements" and not coding.shape.has_elements:
         raise checks.refuse(f"{name}: network", network, "'parts', or an action of elements and the column 'element'")
     flow = record.get(FLOW)

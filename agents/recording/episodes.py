@@ -1,13 +1,20 @@
-"""Episodes of a policy, recorded step by step."""
+"""Episodes of a policy: played step by step, and kept as data sets of Minari."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from minari.data_collector import EpisodeBuffer
 
 from vibgym.policies.rollout import Episodes
+
+SCENE = "vibgym_scene"
+"""Key of the scene in the metadata of a data set."""
+
+FILE = "main_data.hdf5"
+"""File of all episodes."""
 
 
 class Episode(NamedTuple):
@@ -67,3 +74,34 @@ def _of_world(steps: Sequence[Any], world: int) -> Any:
     if isinstance(steps[0], dict):
         return {name: np.stack([step[name][world] for step in steps]) for name in steps[0]}
     return np.stack([step[world] for step in steps])
+
+
+def write(dataset: Any, episodes: Iterable[Episode]) -> float:
+    """Add episodes to an empty data set of Minari; return the mean of their returns.
+
+    Raises:
+        OSError: no space is left, for instance.
+    """
+    returns, metadata = list[float](), list[dict[str, Any]]()
+
+    def buffers() -> Iterator[EpisodeBuffer]:
+        for episode in episodes:
+            returns.append(float(episode.rewards.sum()))
+            drawn = {f"drawn_{name}": value for name, value in episode.drawn.items()}
+            metadata.append({"success": episode.success, **drawn})
+            ends = np.zeros((2, len(episode.rewards)), dtype=bool)
+            ends[:, -1] = episode.terminated, episode.truncated
+            data: Any = episode.observations, episode.actions, episode.rewards, *ends
+            yield EpisodeBuffer(None, episode.seed, None, *data)
+
+    dataset.storage.update_episodes(buffers())
+    dataset.storage.update_episode_metadata(metadata)
+    return float(np.mean(returns))
+
+
+def read(dataset: Any) -> Iterator[Episode]:
+    """Yield the episodes of a data set as they were recorded, without randomized values."""
+    for episode in dataset.iterate_episodes():
+        (own,) = dataset.storage.get_episode_metadata([episode.id])
+        ends = bool(episode.terminations[-1]), bool(episode.truncations[-1]), bool(own["success"])
+        yield Episode(int(own["seed"]), episode.observations, episode.actions, episode.rewards, *ends, {})
