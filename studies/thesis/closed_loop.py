@@ -146,7 +146,7 @@ class RealPlant:
         amplitude = np.minimum(np.hypot(x, y), 1.0) * self.scale
         commanded, phase = (np.broadcast_to(each, self._shape) for each in (amplitude, np.arctan2(-x, -y)))
         for drive, periods in self.actuators.apply(polar_drive(commanded, phase, surface.angular_frequency)):
-            self.simulator.run(drive, periods)
+            self.simulator.advance_drive(drive, periods)
         self._mean = self.simulator.mean_velocity
         return found.acceleration, amplitude[:, 0, 0]
 
