@@ -21,7 +21,6 @@ from vibgym.policies.rollout import run
 from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.policies.trained.residual import ResidualPolicy
 from vibgym.settings import BaseSettings, read
-from vibgym.simulation.models import with_certified_contacts
 
 FILE = "curve.csv"
 COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", "speed", "return_", "rate", "cost")
@@ -214,6 +213,7 @@ def evaluation_environments(settings: TrainSettings) -> list[dict[str, Any]]:
     """Return :func:`without_hold` with certified contacts, in which a run is evaluated."""
     changed = without_hold(settings)
     for scene in changed:
-        if "model" in scene:
-            scene["model"] = with_certified_contacts(scene["model"])
+        model = scene.get("model", "planar")
+        if not isinstance(model, str):
+            scene["model"] = {name: value for name, value in model.items() if name != "contacts"}
     return changed

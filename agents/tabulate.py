@@ -17,6 +17,7 @@ import pandas as pd
 
 from agents import command_line
 from agents.command_line import Command
+from agents.evaluation.plan import has_fast_contacts
 from agents.evaluation.statistics import bootstrap
 from agents.evaluation.table import RATES, ends, frame, mean, summary, values
 from agents.learning_curve import FILE as CURVE
@@ -31,7 +32,6 @@ from vibgym.policies.rollout import rollout
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
 from vibgym.seeds import RANGES
-from vibgym.simulation.models import has_fast_contacts
 
 FIRST_SEED = 200_000
 """First seed of the new episodes, in the range "evaluation" of :mod:`vibgym.seeds`."""

@@ -38,7 +38,6 @@ from vibgym.policies.rollout import Ends, worlds_of
 from vibgym.policies.task_info import POLICIES, TaskInfo
 from vibgym.policies.trained.catalogue import SHIPPED
 from vibgym.rendering import Scenery
-from vibgym.simulation.models import has_fast_contacts
 
 if TYPE_CHECKING:
     from agents.evaluation.entries import Entry
@@ -263,6 +262,11 @@ def _acting(case: Case) -> Case:
     names = {"action": made.policy.action, "observation": made.policy.observation}
     worlds_of(case.task, 1, **{**case.environment, **names}).close()
     return made
+
+
+def has_fast_contacts(model: str | Mapping[str, Any]) -> bool:
+    """Return whether the ``model`` argument of an environment selects fast contacts."""
+    return not isinstance(model, str) and model.get("contacts") == "fast"
 
 
 def certified_world(task: str, environment: Mapping[str, Any]) -> VectorEnv:

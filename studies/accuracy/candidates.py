@@ -70,7 +70,7 @@ def prepare_simulator(scene: Scene, simulator: Simulator) -> Runner:
         settled, done, took = scene.pose, 0, 0.0
         for drive, periods in drives:
             began = time.perf_counter()
-            simulator.run(drive, periods)
+            simulator.advance_drive(drive, periods)
             took += time.perf_counter() - began
             done += periods
             if done == scene.settle:

@@ -94,7 +94,7 @@ def play(
             drive = phasor_drive(np.repeat(command, many, axis=0), surface.columns, surface.full_scale)
         assert drive is not None  # the first step always changes the command
         for applied, stretch in actuators.apply(drive):
-            simulator.run(applied, stretch)
+            simulator.advance_drive(applied, stretch)
         poses.append(simulator.pose[:, 0])
     return np.array(poses).reshape(steps + 1, count, many, 3)
 

@@ -160,7 +160,7 @@ class RealPlant:
         x, y = push[..., 0, None], push[..., 1, None]
         amplitude = np.minimum(np.hypot(x, y), 1.0) * self.scale
         for drive, periods in self.actuators.apply(common_command(self.surface, amplitude, np.arctan2(-x, -y))):
-            self.simulator.run(drive, periods)
+            self.simulator.advance_drive(drive, periods)
         self._mean = self.simulator.mean_velocity
         return limited, amplitude[:, 0, 0]
 

@@ -102,7 +102,7 @@ def squeezed(
     poses = [simulator.pose[:, 0]]
     for _ in range(round(seconds / surface.period)):
         for drive, periods in actuators.apply(command):
-            simulator.run(drive, periods)
+            simulator.advance_drive(drive, periods)
         poses.append(simulator.pose[:, 0])
     return Squeezed(np.arange(len(poses)) * surface.period, np.array(poses), max(part.symmetry, 1))
 

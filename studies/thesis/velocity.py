@@ -50,7 +50,7 @@ def steady_velocity(
     positions = []
     for periods in (SETTLE, MEAN):
         ((drive, _),) = actuators.apply(common_command(surface, commanded[:, None, None], np.array(PHASE)))
-        simulator.run(drive, periods)
+        simulator.advance_drive(drive, periods)
         positions.append(simulator.pose[:, 0, :2])
     return np.hypot(*(positions[1] - positions[0]).T) / (MEAN * surface.period)
 

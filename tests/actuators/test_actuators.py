@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vibgym import Surface
-from vibgym.actuators import ACTUATORS, Actuators, nominal
+from vibgym.actuators import ACTUATORS, Actuators
 from vibgym.physics.core.drive import all_phasors, polar_drive
 
 SURFACE = Surface(rows=3, columns=4)
@@ -149,7 +149,7 @@ def test_response_of_one_machine_after_the_dead_zone():
     assert amplitude[0, 1] == pytest.approx(expected, abs=1e-12)
     assert phase[0, 1, expected > 0] == pytest.approx((1.3 + elements[..., 1])[expected > 0])
     # An estimator's model has the response of the machine.
-    assert nominal(own).settings == own.settings.model_copy(update={"limit": SURFACE.max_amplitude, "seed": 0})
+    assert own.nominal().settings == own.settings.model_copy(update={"limit": SURFACE.max_amplitude, "seed": 0})
 
 
 @pytest.mark.parametrize("form", ["hard", "soft", "cubic"])
@@ -163,7 +163,7 @@ def test_a_compensated_response_moves_elements_as_commanded(form, latency):
     for _ in range(latency + 1):
         amplitude, phase, _ = done(own, asked)
     assert amplitude[0, 0] == pytest.approx(0.2e-3, rel=1e-9) and phase[0, 0] == pytest.approx(1.0)
-    model = nominal(own)  # an estimator's, without latency
+    model = own.nominal()  # an estimator's, without latency
     model.prepare(asked)
     model.reset(np.arange(1), np.full((1, model.draws), 0.5))
     amplitude, phase, _ = done(model, asked)
@@ -278,7 +278,7 @@ def test_the_data_sheet_contains_nominal_values_only():
     sheet = own.data_sheet
     assert (sheet.dead_zone, sheet.dead_zone_form, sheet.limit) == (5e-5, "soft", 2e-4)
     assert (sheet.latency, sheet.resolution, sheet.bandwidth) == (3, 1e-6, None)
-    model = nominal(own)
+    model = own.nominal()
     model.prepare(command(1, 0.0))
     model.reset(np.arange(1), np.zeros((1, 0)))
     amplitude, _, _ = done(model, command(1, ASKED))

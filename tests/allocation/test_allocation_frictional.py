@@ -129,7 +129,7 @@ def test_fast_spin_on_the_planar_model(part):
     simulator = Simulator(fine, part, worlds=len(spin))
     idle = np.tile(fine.idle_velocity(part.friction), (len(spin), 1))
     simulator.reset([0.080, 0.080, 0.0], np.column_stack([idle, spin])[:, None])
-    simulator.run(polar_drive(amplitude, phase, fine.angular_frequency), 1)
+    simulator.advance_drive(polar_drive(amplitude, phase, fine.angular_frequency), 1)
     gained = simulator.velocity[:, 0, 2] - spin
     inverse = FrictionalInverse(fine, part, ahead=0.5 * fine.period)
     velocity, pushes = np.zeros((2, len(spin), 1, 3))

@@ -18,7 +18,7 @@ def advanced(part, pose, velocity, c, s):
     """Return changes of poses (n, 3) in a period, and the final velocities."""
     simulator = Simulator(SURFACE, part, worlds=len(pose))
     simulator.reset(pose[:, None], velocity[:, None])
-    simulator.run(cartesian_drive(c, s), 1)
+    simulator.advance_drive(cartesian_drive(c, s), 1)
     return simulator.pose[:, 0] - pose, simulator.velocity[:, 0]
 
 

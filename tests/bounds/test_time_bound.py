@@ -105,7 +105,7 @@ def test_random_search_does_not_exceed_the_bound(direction):
         """Return the displacement at the start of the hold, minus the price of excess speed."""
         simulator.reset([0.416, 0.104, 0.0], [*idle, 0.0])
         for phase in phases:
-            simulator.run(polar_drive(np.full((worlds, 8, 32), MAX), phase, SURFACE.angular_frequency), 1)
+            simulator.advance_drive(polar_drive(np.full((worlds, 8, 32), MAX), phase, SURFACE.angular_frequency), 1)
         speed = (simulator.velocity[:, 0, :2] - idle) @ axes.T
         return (simulator.pose[:, 0, :2] - [0.416, 0.104]) @ axes[0] + values.at(0, speed)
 
@@ -152,7 +152,7 @@ def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator():
             there = [(indices >= 0) & (indices < most_of) for indices, most_of in zip(around, (8, 32), strict=True)]
             where = np.ix_(around[0][there[0]], around[1][there[1]])
             c[world][where], s[world][where] = chosen[:, there[0]][:, :, there[1]]
-        simulator.run(cartesian_drive(c, s), 1)
+        simulator.advance_drive(cartesian_drive(c, s), 1)
     end = np.column_stack([simulator.pose[:, 0, 2], simulator.velocity[:, 0, 2]])
     turned = end[:, 0] - pose[:, 2] + values.at(0, end)
     limit = values.at(periods, np.column_stack([pose[:, 2], np.zeros(worlds)]))

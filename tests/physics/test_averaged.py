@@ -69,7 +69,7 @@ def test_a_drive_that_changes_every_period():
         simulator.reset(pose, [*IDLE, 0.0])
         seen = []
         for action in actions:
-            simulator.run(phasor_drive(action.reshape(worlds, -1), SURFACE.columns, SURFACE.full_scale))
+            simulator.advance_drive(phasor_drive(action.reshape(worlds, -1), SURFACE.columns, SURFACE.full_scale))
             seen.append(simulator.mean_velocity[:, 0, :2])
         assert not simulator.fallen.any()
         return np.array(seen)

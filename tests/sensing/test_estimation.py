@@ -125,7 +125,7 @@ def steered(env, steps, skip=5):
         known.append((measured.pose.copy(), measured.sigma.copy()))
         action, state = policy.predict(observation, state)
         env.core.pipeline.run(env.core.action.check(action, env.num_envs))
-        observation = env.core.observe()
+        observation = env.core.observed(env.core.options.observation)
         if k >= skip and k + 1 - ahead < len(known):
             pose, sigma = known[k + 1 - ahead]
             errors.append(pose - env.truth.pose)
@@ -203,7 +203,7 @@ def test_a_learned_policy_needs_the_model_on_the_prototype():
         for _ in range(100):
             action, state = policy.predict(observation, state)
             env.core.pipeline.run(env.core.action.check(action, 20))
-            observation = env.core.observe()
+            observation = env.core.observed(env.core.options.observation)
             held |= env.core.episode.success
         success[estimator] = held.mean()
     assert success == {"none": 0.0, "model": 1.0}

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from vibgym.actuators.custom import Actuators
 from vibgym.actuators.prototype import PrototypeActuators
-from vibgym.actuators.stage import Actuators, ActuatorStage, DataSheet, IdealActuators
+from vibgym.actuators.stage import ActuatorStage, DataSheet, IdealActuators
 from vibgym.registry import Registry
 
 ACTUATORS: Registry[type[ActuatorStage]] = Registry(
@@ -13,9 +14,4 @@ ACTUATORS: Registry[type[ActuatorStage]] = Registry(
 ones."""
 
 
-def nominal(actuators: ActuatorStage) -> ActuatorStage:
-    """Return nominal actuators for a model: those of the data sheet, without latency."""
-    return actuators.nominal() or IdealActuators(actuators.surface, actuators.worlds, actuators.periods)
-
-
-__all__ = ["ACTUATORS", "ActuatorStage", "Actuators", "DataSheet", "PrototypeActuators", "nominal"]
+__all__ = ["ACTUATORS", "ActuatorStage", "Actuators", "DataSheet", "PrototypeActuators"]

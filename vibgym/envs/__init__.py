@@ -1,6 +1,7 @@
 """Gymnasium environments, single and vectorised, on the same batched core."""
 
 from vibgym.envs.actions import ACTIONS, Action
+from vibgym.envs.local_actions import Field, Patch
 from vibgym.envs.motions import Target, Velocity, Wrench
 from vibgym.envs.observations import OBSERVATIONS, Observation
 from vibgym.envs.options import Options
@@ -12,8 +13,10 @@ __all__ = [
     "ACTIONS",
     "OBSERVATIONS",
     "Action",
+    "Field",
     "Observation",
     "Options",
+    "Patch",
     "Target",
     "Truth",
     "Velocity",

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
-from vibgym.actuators import ACTUATORS, nominal
+from vibgym.actuators import ACTUATORS
 from vibgym.envs.actions import Action, check_command, new_action
 from vibgym.envs.costs import Costs
 from vibgym.envs.drawn import DrawnShapes
 from vibgym.envs.info import BatchInfo, InfoData
-from vibgym.envs.observations import OBSERVATIONS, GoalReward, Observation, check_batch
+from vibgym.envs.observations import OBSERVATIONS, Observation, check_batch
 from vibgym.envs.options import (
     Options,
     StartOverride,
@@ -37,7 +37,7 @@ from vibgym.simulation import MODELS, Simulator
 from vibgym.snapshots import check_keys, copied, restore, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import Relations
-from vibgym.tasks.reward import CustomReward, Reward
+from vibgym.tasks.reward import CustomReward, GoalReward, Reward
 
 NONE = np.zeros(0, dtype=np.int64)
 
@@ -80,6 +80,9 @@ class Core:
 
     STATE = ("environment", "simulator", "episode", "action", "actuators", "sensor", "began")
     """Keys of a snapshot; with drawn shapes also ``"kinds"``."""
+
+    pipeline_class: ClassVar[type[Pipeline]] = Pipeline
+    """Class of the pipeline; :mod:`vibgym.hardware` has another."""
 
     def __init__(self, options: Options, worlds: int, make_info: Callable[[InfoData], Any] = BatchInfo) -> None:
         cls = TASKS.choose("task", options.task)
@@ -128,7 +131,7 @@ class Core:
         self.costs: Costs | None = None
         if options.costs is not None:
             world = self.simulator, self.episode, self.relations, self.periods
-            self.costs = Costs(options.costs, *world, self._all_phasors)
+            self.costs = Costs(options.costs, *world, self.phasors)
         self.reward = self._new_reward()
         self.term_names: tuple[str, ...] = tuple(self.task.made_of) if self.reward is None else self.reward.names
         for term in self.task.settings.weights:
@@ -141,14 +144,10 @@ class Core:
         # worlds a copy would take longer.
         few = len(self.simulator.blocks.edges) == 1
         self.kept_action = np.zeros((worlds, self.action.size), dtype=np.float32) if few else None
-        self.pipeline = self.new_pipeline()
+        self.pipeline = self.pipeline_class(self)
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
         self.began = False
         self._checked = False  # the first batch of observations, against their space
-
-    def new_pipeline(self) -> Pipeline:
-        """Return the pipeline of a step."""
-        return Pipeline(self)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without the pipeline, which has addresses of arrays."""
@@ -156,7 +155,7 @@ class Core:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self.pipeline = self.new_pipeline()
+        self.pipeline = self.pipeline_class(self)
 
     def _with_shapes(self, options: Options) -> Options:
         """Return the options with the parts of their shapes, if these are drawn for episodes; sets ``shape_draws``."""
@@ -216,7 +215,7 @@ class Core:
         options, task, actuators = self.options, self.task, self.actuators
         sensing = sensing_from(
             options.sensor, self.surface, self.kinds, self.worlds, self.periods,
-            plant=nominal(actuators), latency=actuators.latency, walls=self.simulator.walls,
+            plant=actuators.nominal(), latency=actuators.latency, walls=self.simulator.walls,
         )  # fmt: skip
         if task.continuous_feed and not sensing.sensor.resets_parts:
             raise checks.conflict(
@@ -234,7 +233,7 @@ class Core:
             if self.task.settings.weights:
                 raise checks.conflict("task_settings.weights cannot be set with observation='goal': see compute_reward")
             return GoalReward(self.observation, self.scoring)
-        return CustomReward(self.task, self.scoring, self._all_phasors) if self.task.has_custom_reward else None
+        return CustomReward(self.task, self.scoring, self.phasors) if self.task.has_custom_reward else None
 
     def reset(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride | None = None
@@ -315,10 +314,6 @@ class Core:
         if not self.sensing.exact:
             self.pipeline.now.relate(worlds, self.sensing.measurement.pose, self.sensing.measurement.gone)
 
-    def observe(self) -> Any:
-        """Return a new batch of observations."""
-        return self.observation.observe(self.sensing.measurement, self.measured, self.episode)
-
     def observed(self, kind: str) -> Any:
         """Return a new batch of another observation of the same instant.
 
@@ -352,17 +347,18 @@ class Core:
         command = self.action.command(np.zeros((self.worlds, self.action.size), dtype=np.float32), nowhere)
         return check_command(self.options.action, command, self.surface, self.worlds)
 
-    def phasors(self, world: int) -> np.ndarray:
-        """Return phasors (rows, columns, 2) of the last step as fractions of full scale; zeros before the first step."""
-        return self._all_phasors(world, 1)[0]
+    def phasors(self, world: int | None = None) -> np.ndarray:
+        """Return phasors (rows, columns, 2) of a world in the last step over full scale; zeros before the first step.
 
-    def _all_phasors(self, first: int = 0, worlds: int | None = None) -> np.ndarray:
-        """Return phasors (worlds, rows, columns, 2) of ``worlds`` worlds from ``first`` on; None: all."""
-        phasors = np.zeros((worlds or self.worlds, self.surface.rows, self.surface.columns, 2))
+        Args:
+            world: None: of all worlds, (worlds, rows, columns, 2).
+        """
+        first, worlds = (0, self.worlds) if world is None else (world, 1)
+        phasors = np.zeros((worlds, self.surface.rows, self.surface.columns, 2))
         if self.drive is not None and self.surface.full_scale > 0.0:
             all_phasors(self.drive, phasors, first)
             phasors /= self.surface.full_scale
-        return phasors
+        return phasors if world is None else phasors[0]
 
     def get_state(self) -> dict[str, Any]:
         """Return a snapshot without the generators."""

@@ -30,8 +30,6 @@ from vibgym.sensing import Measurement, Sensor
 from vibgym.settings import BaseSettings
 from vibgym.tasks import PoseTask, Task
 from vibgym.tasks.episode import PREVIEW, Episode, Relations
-from vibgym.tasks.reward import Reward
-from vibgym.tasks.scoring import Scoring
 
 PIXELS = 6  # per side of an element
 KIND_VALUES = (255, 170, 85)
@@ -218,20 +216,6 @@ class GoalObservation(StateObservation):
     def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
         goals = (bound(write_goals, self.low, self.high, pose) for pose in (measurement.pose, episode.goal))
         return [*super().writers(measurement, relations, episode), *goals]
-
-
-class GoalReward(Reward):
-    """Reward of a goal observation: ``compute_reward`` of its task, for the true poses as they would be observed."""
-
-    def __init__(self, observation: Any, scoring: Scoring) -> None:
-        super().__init__(scoring, ("goal",))
-        self._observation = observation
-
-    def evaluate(self) -> None:
-        observation, scoring = self._observation, self.scoring
-        achieved, desired = observation.reached(scoring.state.pose), observation.reached(scoring.episode.goal)
-        reward = observation.task.compute_reward(achieved, desired, {"fallen": scoring.episode.fallen})
-        self.part_terms[..., 0] = np.where(scoring.rewarded, reward[:, None], 0.0)
 
 
 class ImageObservation(Observation):

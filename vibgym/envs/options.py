@@ -7,7 +7,6 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -253,13 +252,15 @@ class StartOverride:
         pose: (worlds, parts, 3) x, y (m), heading (rad).
         goal: (worlds, parts, 3) likewise, for tasks with goal poses.
         present: (worlds, parts) bool, which parts are present.
-        draw: called with task, uniform numbers and ``present``: :meth:`vibgym.tasks.Task.start`, or one for given paths.
+        paths: along which goals move, a mapping for each part, for Follow.
+        longest: s, largest duration of the paths.
     """
 
     pose: np.ndarray | None
     goal: np.ndarray | None
     present: np.ndarray | None
-    draw: Callable[[Task, np.ndarray, np.ndarray | None], Start]
+    paths: Any
+    longest: float
 
     def start(self, task: Task, walls: Sequence[str], worlds: np.ndarray, uniform: np.ndarray) -> Start:
         """Return the start of ``worlds`` (index array) with these values.
@@ -268,7 +269,11 @@ class StartOverride:
             ValueError: parts off the surface, overlapping one another or a wall, or where the task cannot start.
         """
         present = None if self.present is None else self.present[worlds]
-        start = self.draw(task, uniform, present)
+        if self.paths is None:
+            start = task.start(uniform, present)
+        else:
+            assert isinstance(task, Follow)
+            start = task.start_along("options['paths']", self.paths, self.longest, uniform, present)
         if self.pose is not None:
             there = start.present
             pose = np.where(there[..., None], self.pose[worlds], start.pose)
@@ -306,8 +311,7 @@ def parse_reset_options(
     if not requested:
         return None
     shape = (worlds, len(task.parts), 3)
-    pose = goal = present = None
-    draw = _start
+    pose = goal = present = paths = None
     if "pose" in requested:
         if task.continuous_feed:
             raise checks.conflict(f"options['pose'] cannot be set for {task.name}: its parts arrive at an inlet")
@@ -320,18 +324,10 @@ def parse_reset_options(
     if "paths" in requested:
         if not isinstance(task, Follow):
             raise checks.conflict(f"options['paths'] cannot be set for {task.name}: its goals do not follow paths")
-        draw = partial(_start_along, requested["paths"], longest)
+        paths = requested["paths"]
     if "parts" in requested:
         present = _present(requested["parts"], shape[:2])
-    return StartOverride(pose, goal, present, draw)
-
-
-def _start(task: Task, uniform: np.ndarray, present: np.ndarray | None) -> Start:
-    return task.start(uniform, present)
-
-
-def _start_along(paths: Any, longest: float, task: Any, uniform: np.ndarray, present: np.ndarray | None) -> Start:
-    return task.starts_along("options['paths']", paths, longest)(uniform, present)
+    return StartOverride(pose, goal, present, paths, longest)
 
 
 def _on_surface(name: str, value: Any, shape: tuple[int, ...], task: Task) -> np.ndarray:

@@ -14,7 +14,6 @@ from vibgym.actuators import DataSheet
 from vibgym.config import json_values
 from vibgym.envs.core import Core
 from vibgym.envs.features import LayoutEntry, RowLayout
-from vibgym.envs.options import StartOverride, parse_reset_options
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import Task
@@ -34,8 +33,14 @@ class Truth(NamedTuple):
     gap: np.ndarray  # (worlds, parts) m, distance to the nearest other part
 
 
-class Described:
-    """The specification of an environment."""
+class SharedInterface:
+    """Properties of single and vector environments.
+
+    Attributes:
+        core: the batched core.
+    """
+
+    core: Core
 
     max_episode_steps: int | None
     """Steps after which the environment truncates episodes; None: it does not."""
@@ -64,16 +69,6 @@ class Described:
 
     def _set_time_limits(self) -> None:
         """Set the limits of Gymnasium's wrappers around the environment; a batch has none."""
-
-
-class SharedInterface(Described):
-    """Properties of single and vector environments.
-
-    Attributes:
-        core: the batched core.
-    """
-
-    core: Core
 
     @property
     def surface(self) -> Surface:
@@ -171,10 +166,6 @@ class SharedInterface(Described):
             raise gym.error.ClosedEnvironmentError("step(): the environment is closed; reset() opens it again")
         if not self.core.began:
             raise gym.error.ResetNeeded("call reset() before step()")
-
-    def _override(self, core: Core, options: Any, more: tuple[str, ...] = ()) -> StartOverride | None:
-        """Parse the options of a reset of a core; ``more`` are further names."""
-        return parse_reset_options(options, core.task, core.worlds, core.longest, more)
 
     def _own(self, seen: Any) -> Any:
         """Return a batch of observations in the form of this environment."""

@@ -14,7 +14,7 @@ from gymnasium.utils import seeding
 from vibgym import checks
 from vibgym.envs.core import Core
 from vibgym.envs.info import COUNTS, FLAGS, NUMBERS, InfoData
-from vibgym.envs.options import Options, step_limit, with_options
+from vibgym.envs.options import Options, parse_reset_options, step_limit, with_options
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.registration import Periods
 from vibgym.snapshots import check_keys, generator_from, generator_state
@@ -136,7 +136,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             seed = checks.count("seed", seed, least=0)
         generator = self.np_random if seed is None else seeding.np_random(seed)[0]
         core = self.core
-        override = self._override(core, options)
+        override = parse_reset_options(options, core.task, core.worlds, core.longest)
         if override is not None:  # an invalid start must not change anything
             core.check_start(_FIRST, [generator], override)
         super().reset(seed=seed)

@@ -222,7 +222,8 @@ class Pipeline:
 
     def observe(self, batch: Batch | None = None) -> None:
         """Compute observations that are implemented in Python; last, so that blocks need one pass only."""
-        self.observations = self.core.observe()
+        core = self.core
+        self.observations = core.observation.observe(self.measurement, core.measured, core.episode)
 
     def reset_parts(self, batch: Batch) -> None:
         """Reset the memory of the action and the model for parts that have arrived or left."""

@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 
 from vibgym import checks
 from vibgym.envs.core import Core
-from vibgym.envs.options import Options, StartOverride, step_limit, with_options
+from vibgym.envs.options import Options, StartOverride, parse_reset_options, step_limit, with_options
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.snapshots import check_keys, copied, generator_from, generator_state, restore, restored
 from vibgym.tasks import TASKS
@@ -92,7 +92,8 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         Raises:
             ValueError: an invalid seed, option or start; nothing has changed.
         """
-        override = self._override(self.core, options, ("reset_mask",))
+        core = self.core
+        override = parse_reset_options(options, core.task, core.worlds, core.longest, ("reset_mask",))
         mask = self._reset_mask(options)
         fresh = list(self._generators)
         for world, own_seed in enumerate(seeds_from(seed, self.num_envs)):
@@ -100,14 +101,14 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
                 fresh[world] = seeding.np_random(own_seed)[0]
         if override is not None:  # an invalid start must not change anything
             worlds = np.flatnonzero(mask)
-            self.core.check_start(worlds, [fresh[world] for world in worlds], override)  # type: ignore[misc]
+            core.check_start(worlds, [fresh[world] for world in worlds], override)  # type: ignore[misc]
         self._generators = fresh
         if isinstance(seed, int | np.integer):
             self._np_random, self._np_random_seed = seeding.np_random(int(seed))
         self.closed = False
         self._begin(mask, override)
-        self.core.refresh_all()
-        pipeline = self.core.pipeline
+        core.refresh_all()
+        pipeline = core.pipeline
         return pipeline.observations, pipeline.info.read(pipeline.report, None if mask.all() else mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:

@@ -100,6 +100,68 @@ class Readings:
         self._taken[seen] = taken
 
 
+class HardwarePipeline(Pipeline):
+    """Stages of a step whose command goes to a driver, and whose poses come from it."""
+
+    core: HardwareCore
+
+    def run(self, action: np.ndarray, original: Any = None) -> None:
+        episode = self.core.episode
+        self.rewards = episode.reward, episode.part_reward, self.core.terms, self.core.part_terms
+        self.missed_rewards = [np.zeros_like(reward) for reward in self.rewards]
+        super().run(action, original)
+        for reward, missed in zip(self.rewards, self.missed_rewards, strict=True):
+            reward += missed
+
+    def advance(self, batch: Batch) -> None:
+        """Send the command, and receive the measurement of the next cycle."""
+        core = self.core
+        core.drive, state, reading = batch.command, core.simulator.state, core.readings.last
+        with core.supervised():
+            core.send(batch.command)
+            self.predict(batch)
+            measurement = core.driver.receive()
+            core.received = core.clock()
+            for _ in range(core.watchdog.check_clock(core.driver.now())):
+                self.miss(batch)
+            core.add(measurement)
+        seen = reading.seen[0]
+        state.pose[0, seen] = reading.pose[0, seen]
+        state.mean_velocity[0, seen] = state.velocity[0, seen] = reading.mean_velocity[0, seen]
+        if not seen[core.episode.present[0]].all():
+            core.suspend_hold()
+        for stage in self.by_block[0]:
+            stage()
+
+    def miss(self, batch: Batch) -> None:
+        """Score a missed cycle with the last poses, and predict the next: the elements hold the command.
+
+        Goals move on, and the reward is part of this step's.
+        """
+        core = self.core
+        core.missed += 1
+        core.suspend_hold()
+        for stage in self.score[0]:
+            stage()
+        if core.reward is not None:
+            self.replace_reward(batch)
+            self.store_state(batch)
+        for reward, missed in zip(self.rewards, self.missed_rewards, strict=True):
+            missed += reward
+        if not core.sensing.exact:
+            core.sensing.estimator.correct(core.readings.unseen)
+        self.predict(batch)
+
+    def predict(self, batch: Batch) -> None:
+        """Run the estimator's model for a cycle, while the machine runs."""
+        if not self.core.sensing.exact:
+            self.core.sensing.predict(batch.command)
+
+    def sense(self, batch: Batch) -> None:
+        """Correct the prediction by the reading."""
+        self.core.sensing.estimator.correct(self.core.readings.last)
+
+
 class HardwareCore(Core):
     """Core of one world whose state is measured; see :class:`HardwareEnv`.
 
@@ -118,6 +180,7 @@ class HardwareCore(Core):
     locate: Locate | None
     clock: Callable[[], float]
     record: Callable[..., None] | None = None
+    pipeline_class = HardwarePipeline
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -138,9 +201,6 @@ class HardwareCore(Core):
         self._stopped = ""
         self._raw: tuple[float, np.ndarray, float] | None = None  # s, poses as measured and when, without a command yet
         self.missed, self.received, self.sent = 0, 0.0, 0.0
-
-    def new_pipeline(self) -> HardwarePipeline:
-        return HardwarePipeline(self)
 
     def check_start(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride
@@ -260,68 +320,6 @@ class HardwareCore(Core):
         if pose.shape != (len(self.parts), 3):
             raise MachineError(f"measured poses must have shape {(len(self.parts), 3)}, got {pose.shape}")
         return pose
-
-
-class HardwarePipeline(Pipeline):
-    """Stages of a step whose command goes to a driver, and whose poses come from it."""
-
-    core: HardwareCore
-
-    def run(self, action: np.ndarray, original: Any = None) -> None:
-        episode = self.core.episode
-        self.rewards = episode.reward, episode.part_reward, self.core.terms, self.core.part_terms
-        self.missed_rewards = [np.zeros_like(reward) for reward in self.rewards]
-        super().run(action, original)
-        for reward, missed in zip(self.rewards, self.missed_rewards, strict=True):
-            reward += missed
-
-    def advance(self, batch: Batch) -> None:
-        """Send the command, and receive the measurement of the next cycle."""
-        core = self.core
-        core.drive, state, reading = batch.command, core.simulator.state, core.readings.last
-        with core.supervised():
-            core.send(batch.command)
-            self.predict(batch)
-            measurement = core.driver.receive()
-            core.received = core.clock()
-            for _ in range(core.watchdog.check_clock(core.driver.now())):
-                self.miss(batch)
-            core.add(measurement)
-        seen = reading.seen[0]
-        state.pose[0, seen] = reading.pose[0, seen]
-        state.mean_velocity[0, seen] = state.velocity[0, seen] = reading.mean_velocity[0, seen]
-        if not seen[core.episode.present[0]].all():
-            core.suspend_hold()
-        for stage in self.by_block[0]:
-            stage()
-
-    def miss(self, batch: Batch) -> None:
-        """Score a missed cycle with the last poses, and predict the next: the elements hold the command.
-
-        Goals move on, and the reward is part of this step's.
-        """
-        core = self.core
-        core.missed += 1
-        core.suspend_hold()
-        for stage in self.score[0]:
-            stage()
-        if core.reward is not None:
-            self.replace_reward(batch)
-            self.store_state(batch)
-        for reward, missed in zip(self.rewards, self.missed_rewards, strict=True):
-            missed += reward
-        if not core.sensing.exact:
-            core.sensing.estimator.correct(core.readings.unseen)
-        self.predict(batch)
-
-    def predict(self, batch: Batch) -> None:
-        """Run the estimator's model for a cycle, while the machine runs."""
-        if not self.core.sensing.exact:
-            self.core.sensing.predict(batch.command)
-
-    def sense(self, batch: Batch) -> None:
-        """Correct the prediction by the reading."""
-        self.core.sensing.estimator.correct(self.core.readings.last)
 
 
 class HardwareEnv(VibgymEnv):

@@ -106,7 +106,7 @@ def record(
         amplitude[k], phase[k] = excitation.command(now)
         command = polar_drive(amplitude[k : k + 1], phase[k : k + 1], surface.angular_frequency)
         for drive, periods in stage.apply(command):
-            simulator.run(drive, periods)
+            simulator.advance_drive(drive, periods)
         if simulator.fallen.any():
             raise checks.conflict(f"a part has fallen off the surface after {simulator.time:.1f} s of the recording")
         now = image()

@@ -112,6 +112,21 @@ class Surface:
         lag = math.acos(radius / self.horizontal_amplitude)
         return radius * w * np.array([math.sin(lag), math.cos(lag)])
 
+    def check_amplitude(self, amplitude: np.ndarray) -> None:
+        """Raise ValueError for amplitudes (m) above the largest, with a margin for rounding."""
+        largest = float(amplitude.max())
+        assert self.max_amplitude is not None
+        if largest <= self.max_amplitude * (1.0 + 1e-12):
+            return
+        allowed = f"numbers in [0, {self.max_amplitude:.10g}]"
+        if largest > self.lift_off_amplitude:
+            best = math.sqrt(self.gravity / largest) / (2.0 * math.pi)
+            allowed += (
+                f"; parts lift off above g / w^2 = {self.lift_off_amplitude:.4g} m, which no model covers: lower the "
+                f"amplitude, or the surface's frequency to {best:.4g} Hz"
+            )
+        raise checks.refuse("amplitude", f"{largest!r} m", allowed)
+
     def element_centres(self) -> tuple[np.ndarray, np.ndarray]:
         """Return x and y of every element's centre, each (rows, columns), m."""
         x = (np.arange(self.columns) + 0.5) * self.element_size

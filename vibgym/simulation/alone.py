@@ -8,8 +8,10 @@ import numpy as np
 
 from vibgym.kernels.reference import Pinned
 from vibgym.kernels.vector import LANES
-from vibgym.physics.core.records import Bodies, Scheme, Table
+from vibgym.physics.core.records import Scheme
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.scene.bodies import bodies_of
+from vibgym.simulation.model import Setup
 
 
 class Alone:
@@ -22,7 +24,8 @@ class Alone:
         scenes: the constants.
     """
 
-    def __init__(self, table: Table, bodies: Bodies, schemes: Sequence[Scheme]) -> None:
+    def __init__(self, setup: Setup, schemes: Sequence[Scheme]) -> None:
+        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
         most = max(schemes, key=lambda scheme: scheme.substeps)  # for the size of the working arrays
         workspace, different = new_workspace(table, bodies, most, LANES), {scheme[:3]: scheme for scheme in schemes}
         self.scenes = [

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -17,10 +16,10 @@ from vibgym.physics.core.records import State
 from vibgym.scene.kinds import Kinds
 from vibgym.scene.outlines import rotation
 from vibgym.scene.overlaps import IN_MOTION
-from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import BaseSettings
 from vibgym.simulation.threads import USUAL_COST
+from vibgym.simulation.tipping import check_tipping, warn_of_slender
 
 if TYPE_CHECKING:
     from vibgym.simulation.choice import Choice
@@ -30,9 +29,6 @@ NO_PATHS = np.empty((0, 0, 3))
 
 MIN_FACTOR, MAX_FACTOR = 0.01, 100.0
 """Range of the factors on friction and on mass."""
-
-SLENDER_DISC, SLENDER = 0.4, 1.0
-"""Slenderness of discs and of others, above which a disturbed part wobbles for longer than a second, driven by the table."""
 
 
 @dataclass(frozen=True)
@@ -190,36 +186,6 @@ class Model(ABC):
     def disturb(self, state: State, lean: np.ndarray, impulse: np.ndarray) -> None:
         """Apply impulse disturbances, see :meth:`vibgym.Simulator.disturb`; the default adds ``impulse`` to the velocity."""
         state.velocity[...] += impulse
-
-
-def warn_of_slender(kinds: Sequence[Part], model: str) -> None:
-    """Warn about kinds of parts that wobble after a disturbance, which planar models do not cover."""
-    for part in kinds:
-        limit = SLENDER_DISC if part.symmetry == 0 else SLENDER
-        if part.height_is_known and part.slenderness > limit:
-            warnings.warn(
-                f"parts: {part.name!r}: centre height over distance to the edge is {part.slenderness:.2g}; above "
-                f"{limit:g} a disturbed part wobbles, which model={model!r} does not cover: try model='tilting'",
-                UserWarning,
-                stacklevel=4,
-            )
-
-
-def check_tipping(parts: Sequence[Part], factors: np.ndarray, where: str, model: str) -> None:
-    """Check that friction alone does not tip parts, which planar models do not cover; parts of unknown height pass.
-
-    Args:
-        factors: (n, parts) on friction.
-        where: name of the argument in errors.
-    """
-    ratio = factors * [part.tipping_ratio if part.height_is_known else 0.0 for part in parts]
-    if ratio.size and ratio.max() > 1.0:
-        part = parts[int(np.unravel_index(int(ratio.argmax()), ratio.shape)[1])]
-        raise checks.conflict(
-            f"{where}: friction alone tips {part.name!r} (friction times centre_height, {part.centre_height:g} m, is "
-            f"{ratio.max():.3g} of the distance to its edge, at most 1 with model={model!r}): use model='tilting', or set "
-            "its true height"
-        )
 
 
 def conditions_of(

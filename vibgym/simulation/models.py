@@ -1,52 +1,27 @@
-"""The registry of models; the planar model of one part, the averaged model, and ``"auto"``."""
+"""The registry of models; the planar model of one part, and ``"auto"``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from pydantic import Field
 
 from vibgym import checks
 from vibgym.kernels.reference import Pinned
-from vibgym.kernels.vector import LANES
-from vibgym.physics.averaged import integrator
-from vibgym.physics.averaged.integrator import AveragedScheme
 from vibgym.physics.core.drive import Drive
-from vibgym.physics.core.records import Body, Scheme, State, Table
+from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.planar.friction import slide_rows
-from vibgym.physics.planar.tipping import edge_fractions
-from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.registry import Registry
-from vibgym.scene.bodies import bodies_of, body_of
-from vibgym.scene.outlines import convex_hull
 from vibgym.settings import BaseSettings, Length
 from vibgym.simulation.alone import Alone
+from vibgym.simulation.averaged import averaged
 from vibgym.simulation.choice import DEFAULT_TOLERANCE, choose, choose_for
-from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
-from vibgym.simulation.schemes import (
-    AveragedSettings,
-    PlanarSettings,
-    averaged_scheme,
-    check_sliding,
-    planar_scheme,
-    schemes_alone,
-    varies,
-)
+from vibgym.simulation.model import NO_PATHS, Model, Setup
+from vibgym.simulation.schemes import AveragedSettings, PlanarSettings, schemes_alone, varies
 from vibgym.simulation.threads import Pool
-
-
-def has_fast_contacts(model: str | Mapping[str, Any]) -> bool:
-    """Return whether the ``model`` argument of an environment selects fast contacts."""
-    return not isinstance(model, str) and model.get("contacts") == "fast"
-
-
-def with_certified_contacts(model: str | Mapping[str, Any]) -> str | Mapping[str, Any]:
-    """Return the ``model`` argument of an environment without ``contacts``, whose default is certified."""
-    return model if isinstance(model, str) else {name: value for name, value in model.items() if name != "contacts"}
 
 
 class Planar(Model):
@@ -58,7 +33,7 @@ class Planar(Model):
 
     def __init__(self, setup: Setup, schemes: Sequence[Scheme]) -> None:
         super().__init__(setup)
-        self._setups, self._sorted = Pool(partial(alone_of, setup, schemes)), len(schemes) > 1
+        self._setups, self._sorted = Pool(partial(Alone, setup, schemes)), len(schemes) > 1
         self._rows = np.arange(setup.worlds)
         area = max(kind.area for kind in setup.parts.every)
         self.cost = 1.5 + 0.09 * area / setup.surface.element_size**2  # of docs/performance.md
@@ -67,60 +42,14 @@ class Planar(Model):
         rows = self._rows  # a local, since another thread may replace the attribute
         if stop > len(rows):  # used without a simulator, for more worlds
             rows = self._rows = np.arange(stop)
-        setup = self._setups.take()
+        try:  # as Pool.lend does, without its calls
+            setup = self._setups.free.pop()
+        except IndexError:
+            setup = self._setups.make()
         rows = rows[start:stop]
         for alone, chosen in setup.sort(rows) if self._sorted else ((setup.scenes[0], rows),):
             slide_rows(chosen, alone.address, drive.address, state.address, periods, NO_PATHS, 0)
-        self._setups.give(setup)
-
-
-def alone_of(setup: Setup, schemes: Sequence[Scheme]) -> Alone:
-    """Return the constants and working arrays of one thread."""
-    return Alone(setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size), schemes)
-
-
-class Averaged(Model):
-    """The averaged model of one part in each world."""
-
-    def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
-        super().__init__(setup)
-        self._table, self._scheme = setup.surface.table(), scheme
-        self._bodies = [body_of(kind) for kind in setup.parts.every]
-        self.cost = 1.5
-        self._workspaces = Pool(partial(new_workspaces, self._table, self._bodies))
-
-    def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
-        def work(workspaces: list[integrator.AveragedWorkspace]) -> None:
-            constants, inputs, kinds = (self._table, self._scheme), (drive.record, state.record), self.setup.parts
-            first = start
-            while first < stop:
-                kind = int(kinds.kind[first if kinds.vary else 0, 0])
-                last = first + 1 if kinds.vary else stop
-                scene = integrator.AveragedScene(
-                    constants[0], self._bodies[kind], constants[1], *inputs, workspaces[kind]
-                )
-                integrator.advance_worlds(first, last, scene, periods)
-                first = last
-
-        self._workspaces.lend(work)
-
-    def check_conditions(self, conditions: Conditions, where: str) -> None:
-        """Raise ValueError for conditions under which the part may stick."""
-        surface = self.setup.surface
-        part = self.setup.parts.largest(lambda part: part.static_friction)[0]
-        factors = conditions.strongest[:, 0]
-        if len(factors):
-            worst = int(np.argmax(factors * part.static_friction * 2.0 * surface.gravity + conditions.slope))
-            factor, slope = float(factors[worst]), float(conditions.slope[worst])
-            got = f"a factor {factor:g} on friction {part.static_friction:g} and an incline of {slope:.3g} m/s^2"
-            name = conditions.stronger if factor > 1.0 else "incline"
-            check_sliding(surface, factor * part.static_friction, slope, where.format(name), got)
-        super().check_conditions(conditions, where)
-
-
-def new_workspaces(table: Table, bodies: Sequence[Body]) -> list[integrator.AveragedWorkspace]:
-    """Return working arrays of one thread for each kind of parts."""
-    return [integrator.new_workspace(table, body) for body in bodies]
+        self._setups.free.append(setup)
 
 
 class AutoSettings(BaseSettings):
@@ -150,18 +79,6 @@ def planar(setup: Setup, settings: PlanarSettings) -> Model:
     return Multibody(setup, settings)
 
 
-def averaged(setup: Setup, settings: AveragedSettings) -> Model:
-    """Return the averaged model.
-
-    Raises:
-        ValueError: a scene that the model does not cover.
-    """
-    if setup.multibody:
-        raise checks.conflict("model='averaged' requires one part and no walls: use 'planar', which resolves contacts")
-    schemes = [averaged_scheme(setup.surface, kind, settings) for kind in setup.parts.every]
-    return Averaged(setup, schemes[0])
-
-
 def auto(setup: Setup, settings: AutoSettings) -> Model:
     """Return the cheapest model within a tolerance, see :mod:`vibgym.simulation.choice`.
 
@@ -185,25 +102,3 @@ MODELS: Registry[Callable[..., Model]] = Registry(
     "model", {"planar": planar, "averaged": averaged, "auto": auto}, "vibgym.models"
 )
 """Models by name, called with a :class:`Setup` and their ``Settings``; ``MODELS.register(name, cls)`` adds one."""
-
-
-class TippingMargin:
-    """Function that computes :attr:`vibgym.Simulator.tipping_margin`."""
-
-    def __init__(self, setup: Setup) -> None:
-        kinds = setup.parts.every
-        hulls = [convex_hull(kind.outline) for kind in kinds]
-        self._height = np.array([kind.centre_height for kind in kinds])
-        self._hull, self._first = np.concatenate(hulls), np.cumsum([0, *(len(hull) for hull in hulls)])
-        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
-        scheme = planar_scheme(setup.surface, kinds[0])
-        self._scene = Pinned(
-            FIXED_SCENE, FixedScene(table, bodies, scheme, new_workspace(table, bodies, scheme, LANES))
-        )
-
-    def __call__(self, drive: Pinned[Drive], state: Pinned[State]) -> np.ndarray:
-        """Return (worlds, parts) one minus the worst share; minus infinity for parts that have fallen."""
-        shares = np.empty(state.record.fallen.shape)
-        scene, parts = self._scene.address, (self._height, self._hull, self._first)
-        edge_fractions(scene, drive.address, state.address, *parts, shares)
-        return 1.0 - shares

@@ -21,7 +21,8 @@ from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
 from vibgym.simulation.choice import Choice
 from vibgym.simulation.model import Conditions, Model, Setup, conditions_of, worlds_from
-from vibgym.simulation.models import MODELS, TippingMargin
+from vibgym.simulation.models import MODELS
+from vibgym.simulation.tipping import TippingMargin
 from vibgym.snapshots import check_keys, copied, restore, restored
 
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 80, 112, 32
@@ -252,18 +253,19 @@ class Simulator:
         surface = self.surface
         shape = (self.worlds, surface.rows, surface.columns)
         amplitude = checks.array("amplitude", amplitude, shape, least=0.0)
-        _check_amplitude(amplitude, surface)
+        surface.check_amplitude(amplitude)
         phase = checks.array("phase", phase, shape)
-        self.run(polar_drive(amplitude, phase, surface.angular_frequency), periods)
+        periods = checks.count("periods", periods, most=checks.MAX_PERIODS)
+        self.advance_drive(polar_drive(amplitude, phase, surface.angular_frequency), periods)
 
-    def run(self, drive: Drive, periods: int = 1) -> None:
-        """Advance under a drive of :mod:`vibgym.physics.core.drive` whose values have been checked."""
-        self.advance_drive(drive, checks.count("periods", periods, most=checks.MAX_PERIODS))
-
-    def advance_drive(self, drive: Drive, periods: int, stages: Sequence[Sequence[Callable[[], None]]] = ()) -> None:
-        """Advance like :meth:`run`, without checks; run stages for each of :attr:`blocks` after its worlds have been advanced.
+    def advance_drive(
+        self, drive: Drive, periods: int = 1, stages: Sequence[Sequence[Callable[[], None]]] = ()
+    ) -> None:
+        """Advance under a drive of :mod:`vibgym.physics.core.drive`; nothing is checked.
 
         Args:
+            drive: held motion of the elements.
+            periods: whole periods.
             stages: of each block, called on the thread that has advanced it, several blocks at a time; empty: none.
         """
         if self._drive is None:
@@ -416,19 +418,3 @@ class Simulator:
         restore(self._state._asdict(), values)
         restore(own, more)
         self._periods = periods
-
-
-def _check_amplitude(amplitude: np.ndarray, surface: Surface) -> None:
-    """Raise ValueError for amplitudes above the largest, with a margin for rounding."""
-    largest = float(amplitude.max())
-    assert surface.max_amplitude is not None
-    if largest <= surface.max_amplitude * (1.0 + 1e-12):
-        return
-    allowed = f"numbers in [0, {surface.max_amplitude:.10g}]"
-    if largest > surface.lift_off_amplitude:
-        best = math.sqrt(surface.gravity / largest) / (2.0 * math.pi)
-        allowed += (
-            f"; parts lift off above g / w^2 = {surface.lift_off_amplitude:.4g} m, which no model covers: lower the amplitude, "
-            f"or the surface's frequency to {best:.4g} Hz"
-        )
-    raise checks.refuse("amplitude", f"{largest!r} m", allowed)

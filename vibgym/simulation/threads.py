@@ -37,33 +37,29 @@ class Pool(Generic[Tool]):
     """Pool of working arrays or contact solvers, one per active thread, created on first use.
 
     Copies and pickles start empty.
+
+    Attributes:
+        make: creates a tool.
+        free: unused tools.
     """
 
     def __init__(self, make: Callable[[], Tool]) -> None:
-        self._make = make
-        self._free = deque([make()])  # an invalid setting raises immediately
-
-    def take(self) -> Tool:
-        """Return an unused tool, or a new one."""
-        try:
-            return self._free.pop()
-        except IndexError:
-            return self._make()
-
-    def give(self, tool: Tool) -> None:
-        """Return a tool to the pool."""
-        self._free.append(tool)
+        self.make = make
+        self.free = deque([make()])  # an invalid setting raises immediately
 
     def lend(self, work: Callable[..., Result], *more: Any) -> Result:
         """Return ``work(tool, *more)`` with a tool of the pool."""
-        tool = self.take()
+        try:
+            tool = self.free.pop()
+        except IndexError:
+            tool = self.make()
         try:
             return work(tool, *more)
         finally:
-            self.give(tool)
+            self.free.append(tool)
 
     def __reduce__(self) -> Any:
-        return Pool, (self._make,)
+        return Pool, (self.make,)
 
 
 def available_threads() -> int:

@@ -168,36 +168,6 @@ PARTS_DONE, IN_TOUCH, HELD = range(3)  # of Episode.count; HELD: consecutive per
 DOWN, SUCCEEDED, ENDED, BARRED = range(4)
 
 
-def new_relations(worlds: int, parts: int, far: float) -> Relations:
-    """Allocate relations of parts at the goals and ``far`` m apart."""
-    return Relations(
-        error=np.zeros((worlds, parts, 3)),
-        gap=np.full((worlds, parts), far),
-        neighbour=np.full((worlds, parts), -1, dtype=np.int64),
-        reach=np.zeros((worlds, parts)),
-    )
-
-
-def new_episode(worlds: int, parts: int, terms: int, motion: int = 0) -> Episode:
-    """Allocate an episode with ``terms`` reward terms and ``motion`` numbers for the motion of every goal."""
-    return Episode(
-        goal=np.zeros((worlds, parts, 3)),
-        motion=np.zeros((worlds, parts, motion)),
-        present=np.zeros((worlds, parts), dtype=bool),
-        arrived=np.zeros((worlds, parts), dtype=bool),
-        event=np.zeros((worlds, parts), dtype=np.int64),
-        done=np.zeros((worlds, parts), dtype=bool),
-        number=np.zeros((worlds, 4)),
-        count=np.zeros((worlds, 3), dtype=np.int64),
-        flag=np.zeros((worlds, 4), dtype=bool),
-        terms=np.zeros((worlds, terms)),
-        part_fallen=np.zeros((worlds, parts), dtype=bool),
-        part_number=np.zeros((worlds, parts, 6)),
-        part_terms=np.zeros((worlds, parts, terms)),
-        part_reward=np.zeros((worlds, parts)),
-    )
-
-
 @jit
 def _limited(value):
     return min(max(value, -1.0), 1.0)
@@ -209,22 +179,6 @@ def wrapped(difference, period):
     if period > 0.0:
         return difference - period * math.floor(difference / period + 0.5)
     return difference
-
-
-@jit
-def misses_goal(difference, position_tolerance, heading_tolerance, heading_period, result):
-    """Compute whether poses miss their goals.
-
-    Args:
-        difference: (n, 2) goal minus pose, m, or (n, 3) with the heading, rad.
-        heading_period: (n,) or (1,) rad, see :class:`Rules`.
-        result: (n,) bool, overwritten.
-    """
-    for k in range(difference.shape[0]):
-        away = math.sqrt(difference[k, 0] * difference[k, 0] + difference[k, 1] * difference[k, 1])
-        period = heading_period[min(k, heading_period.shape[0] - 1)]
-        turned = abs(wrapped(difference[k, 2], period)) if difference.shape[1] > 2 else 0.0
-        result[k] = away > position_tolerance or turned > heading_tolerance
 
 
 @jit
@@ -353,13 +307,6 @@ def average_terms(part_terms, counted, share, worst, terms):
         terms[k] = value if worst[k] else value / max(share, 1)
         total += terms[k]
     return total
-
-
-@jit
-def average_worlds(part_terms, counted, share, worst, terms, reward):
-    """Compute terms (worlds, terms) and rewards (worlds,) of all worlds; see :func:`average_terms`."""
-    for world in range(terms.shape[0]):
-        reward[world] = average_terms(part_terms[world], counted[world], share[world], worst, terms[world])
 
 
 @jit

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -345,10 +345,10 @@ class Follow(Task):
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
         return self._start(self.paths.draw(uniform), present)
 
-    def starts_along(
-        self, name: str, settings: Any, longest: float
-    ) -> Callable[[np.ndarray, np.ndarray | None], Start]:
-        """Return a replacement of :meth:`start` for goals that move along given paths.
+    def start_along(
+        self, name: str, settings: Any, longest: float, uniform: np.ndarray, present: np.ndarray | None
+    ) -> Start:
+        """Return starts as :meth:`start`, for goals that move along given paths.
 
         Args:
             name: of the argument, for errors.
@@ -367,13 +367,9 @@ class Follow(Task):
         if fixed.shape[1] > rows:
             allowed = f"at most {rows - 2} lines and arcs each, as many as the environment's own paths have room for"
             raise checks.refuse(name, f"paths of up to {fixed.shape[1] - 2} lines and arcs", allowed)
-
-        def start(uniform: np.ndarray, present: np.ndarray | None) -> Start:
-            # Kept headings are drawn by the same number as without this option: the last one of a part.
-            last = uniform.reshape(len(uniform), len(self.parts), -1)[..., -1]
-            return self._start(fixed.draw(last), present)
-
-        return start
+        # Kept headings are drawn by the same number as without this option: the last one of a part.
+        last = uniform.reshape(len(uniform), len(self.parts), -1)[..., -1]
+        return self._start(fixed.draw(last), present)
 
     def _start(self, routes: np.ndarray, present: np.ndarray | None) -> Start:
         there = np.ones(routes.shape[:2], dtype=bool) if present is None else present

@@ -10,10 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vibgym import checks
+from vibgym.kernels.jit import jit
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import Start, Task
-from vibgym.tasks.episode import misses_goal
+from vibgym.tasks.base import Task
+from vibgym.tasks.episode import Start, wrapped
 
 PATIENT_TERMS = {
     "distance": ("distance", 1.0),
@@ -126,6 +127,22 @@ class PoseTask(Task):
         kinds = self.part_kinds
         periods = np.array([self.heading_period(kind) for kind in kinds.every])[kinds.kind[:, 0]]
         return periods[:1] if (periods == periods[0]).all() else periods
+
+
+@jit
+def misses_goal(difference, position_tolerance, heading_tolerance, heading_period, result):
+    """Compute whether poses miss their goals.
+
+    Args:
+        difference: (n, 2) goal minus pose, m, or (n, 3) with the heading, rad.
+        heading_period: (n,) or (1,) rad, see :class:`Rules`.
+        result: (n,) bool, overwritten.
+    """
+    for k in range(difference.shape[0]):
+        away = math.sqrt(difference[k, 0] * difference[k, 0] + difference[k, 1] * difference[k, 1])
+        period = heading_period[min(k, heading_period.shape[0] - 1)]
+        turned = abs(wrapped(difference[k, 2], period)) if difference.shape[1] > 2 else 0.0
+        result[k] = away > position_tolerance or turned > heading_tolerance
 
 
 def _fallen(info: Any) -> np.ndarray:

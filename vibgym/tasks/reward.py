@@ -115,3 +115,17 @@ class CustomReward(Reward):
         """Return a term as an array of numbers."""
         where, shape, meaning = f"{self._name}, term {term!r}", self.scoring.episode.present.shape, ": (worlds, parts)"
         return checks.shaped(where, values, (shape,), "an array of numbers", meaning, "bfiu").astype(np.float64)
+
+
+class GoalReward(Reward):
+    """Reward of a goal observation: ``compute_reward`` of its task, for the true poses as they would be observed."""
+
+    def __init__(self, observation: Any, scoring: Scoring) -> None:
+        super().__init__(scoring, ("goal",))
+        self._observation = observation
+
+    def evaluate(self) -> None:
+        observation, scoring = self._observation, self.scoring
+        achieved, desired = observation.reached(scoring.state.pose), observation.reached(scoring.episode.goal)
+        reward = observation.task.compute_reward(achieved, desired, {"fallen": scoring.episode.fallen})
+        self.part_terms[..., 0] = np.where(scoring.rewarded, reward[:, None], 0.0)

@@ -9,6 +9,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.records import STATE, State
 from vibgym.scene.hulls import hulls_of
@@ -22,9 +23,7 @@ from vibgym.tasks.episode import (
     Relations,
     Rules,
     Start,
-    average_worlds,
-    new_episode,
-    new_relations,
+    average_terms,
     relate_worlds,
     score_worlds,
 )
@@ -144,6 +143,43 @@ class Scoring:
         Its arguments: index array of worlds, poses (worlds, parts, 3), and which parts to ignore (worlds, parts) bool.
         """
         return bound(relate_worlds, self.context(relations))
+
+
+@jit
+def average_worlds(part_terms, counted, share, worst, terms, reward):
+    """Compute terms (worlds, terms) and rewards (worlds,) of all worlds; see :func:`average_terms`."""
+    for world in range(terms.shape[0]):
+        reward[world] = average_terms(part_terms[world], counted[world], share[world], worst, terms[world])
+
+
+def new_relations(worlds: int, parts: int, far: float) -> Relations:
+    """Allocate relations of parts at the goals and ``far`` m apart."""
+    return Relations(
+        error=np.zeros((worlds, parts, 3)),
+        gap=np.full((worlds, parts), far),
+        neighbour=np.full((worlds, parts), -1, dtype=np.int64),
+        reach=np.zeros((worlds, parts)),
+    )
+
+
+def new_episode(worlds: int, parts: int, terms: int, motion: int = 0) -> Episode:
+    """Allocate an episode with ``terms`` reward terms and ``motion`` numbers for the motion of every goal."""
+    return Episode(
+        goal=np.zeros((worlds, parts, 3)),
+        motion=np.zeros((worlds, parts, motion)),
+        present=np.zeros((worlds, parts), dtype=bool),
+        arrived=np.zeros((worlds, parts), dtype=bool),
+        event=np.zeros((worlds, parts), dtype=np.int64),
+        done=np.zeros((worlds, parts), dtype=bool),
+        number=np.zeros((worlds, 4)),
+        count=np.zeros((worlds, 3), dtype=np.int64),
+        flag=np.zeros((worlds, 4), dtype=bool),
+        terms=np.zeros((worlds, terms)),
+        part_fallen=np.zeros((worlds, parts), dtype=bool),
+        part_number=np.zeros((worlds, parts, 6)),
+        part_terms=np.zeros((worlds, parts, terms)),
+        part_reward=np.zeros((worlds, parts)),
+    )
 
 
 class Instant(NamedTuple):

@@ -202,7 +202,7 @@ def test_a_spinning_part_stops_within_the_predicted_angle(part):
         wanted = np.zeros((n, 1, 3))
         wanted[..., 2] = -3.0
         pushes = allocator.pushes(now, np.ones((n, 1), dtype=bool), wanted) * SURFACE.full_scale
-        simulator.run(cartesian_drive(-pushes[..., 1], -pushes[..., 0]), 1)
+        simulator.advance_drive(cartesian_drive(-pushes[..., 1], -pushes[..., 0]), 1)
         furthest = np.maximum(furthest, simulator.pose[:, 0, 2])
         if (simulator.velocity[:, 0, 2] < 0.0).all():
             break

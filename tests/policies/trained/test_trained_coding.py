@@ -6,7 +6,8 @@ import pytest
 from tests.envs.helpers import assert_same, batch
 from tests.policies.helpers import info_of
 from tests.policies.trained.helpers import coding_for
-from vibgym.envs.actions import ACTIONS, Phasor, patch_size
+from vibgym.envs.actions import ACTIONS, Phasor
+from vibgym.envs.local_actions import patch_size
 from vibgym.policies.task_info import TaskInfo
 
 WORLDS = 3

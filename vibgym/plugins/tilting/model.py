@@ -41,7 +41,6 @@ from vibgym.simulation import Simulator
 from vibgym.simulation.alone import Alone
 from vibgym.simulation.contacts import ContactModel
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup, worlds_from
-from vibgym.simulation.models import alone_of
 from vibgym.simulation.multibody import Multibody
 from vibgym.simulation.schemes import PlanarSettings
 from vibgym.simulation.threads import Pool
@@ -304,14 +303,17 @@ class TiltingMultibody(AbovePlane, Multibody):
 
     def slide(self, start: int, contacts: ContactModel, drive: int, state: int, near: bool) -> None:
         paths, base, tilt = contacts.paths if near else NO_PATHS, start * len(self.setup.parts), self.pinned.address
-        block, rigid, inputs = contacts.block.record, self._rigid.take(), (drive, state)
-        _, others = sorted_rows(base + np.flatnonzero(block.driven), rigid.address, inputs, tilt, 1)
-        rock_rows(others, False, rigid.address, *inputs, tilt, NO_PATHS, 0, 0)
-        for alone, rows in contacts.alone.split(block.rows, block.count):
-            flat, others = sorted_rows(rows, rigid.address, inputs, tilt, 1)
-            rock_rows(others, True, rigid.address, *inputs, tilt, paths, base, alone.record.scheme.steps)
-            slide_rows(flat, alone.address, *inputs, 1, paths, base)
-        self._rigid.give(rigid)
+        block, inputs = contacts.block.record, (drive, state)
+
+        def work(rigid: Pinned[FixedTilting]) -> None:
+            _, others = sorted_rows(base + np.flatnonzero(block.driven), rigid.address, inputs, tilt, 1)
+            rock_rows(others, False, rigid.address, *inputs, tilt, NO_PATHS, 0, 0)
+            for alone, rows in contacts.alone.split(block.rows, block.count):
+                flat, others = sorted_rows(rows, rigid.address, inputs, tilt, 1)
+                rock_rows(others, True, rigid.address, *inputs, tilt, paths, base, alone.record.scheme.steps)
+                slide_rows(flat, alone.address, *inputs, 1, paths, base)
+
+        self._rigid.lend(work)
 
     def end_period(self, start: int, stop: int, state: int) -> None:
         keep_toppled(start, stop, state, self.pinned.address)
@@ -339,7 +341,7 @@ class Buffers:
     """
 
     def __init__(self, setup: Setup, flat: Sequence[Scheme], scheme: TiltScheme) -> None:
-        self.planar = alone_of(setup, flat)
+        self.planar = Alone(setup, flat)
         self.rigid = rigid_buffers(setup, scheme)
 
 

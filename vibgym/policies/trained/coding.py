@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import Part, Surface, checks
-from vibgym.envs.actions import ACTIONS, actions_by_part, patch_size
+from vibgym.envs.actions import ACTIONS, actions_by_part
+from vibgym.envs.local_actions import patch_size
 from vibgym.envs.observations import PIXELS
 from vibgym.policies.foreign import element_code
 from vibgym.policies.trained.networks import ImageShape, Shape

@@ -116,7 +116,7 @@ def offsets(place: np.ndarray, side: int) -> np.ndarray:
 
     Args:
         place: (..., 2) position of the part's centre in its element, -1 to 1.
-        side: elements along an edge of the patch (:class:`vibgym.envs.actions.Patch`).
+        side: elements along an edge of the patch (:class:`vibgym.envs.Patch`).
     """
     within = 0.5 * (place + 1.0)
     first = np.floor(within + (0.5 - 0.5 * side))

@@ -77,11 +77,11 @@ class ModelPredictor:
         for drive, periods in self._plant.apply(command):
             end = elapsed + periods
             if elapsed < instant < end:
-                self.simulator.run(drive, instant - elapsed)
+                self.simulator.advance_drive(drive, instant - elapsed)
                 kept[...] = self.state.pose
-                self.simulator.run(drive, end - instant)
+                self.simulator.advance_drive(drive, end - instant)
             else:
-                self.simulator.run(drive, periods)
+                self.simulator.advance_drive(drive, periods)
                 if end == instant:
                     kept[...] = self.state.pose
             elapsed = end

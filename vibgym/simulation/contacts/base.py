@@ -10,7 +10,6 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.kernels.reference import Pinned
-from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import ROWS, new_rows
 from vibgym.physics.contacts.impulses import ImpactProperties
 from vibgym.physics.core.records import Scheme
@@ -78,8 +77,7 @@ class ContactModel(ABC):
             restitution=np.array([part.restitution for part in setup.parts]),
             friction=np.array([part.contact_friction for part in setup.parts]),
         )
-        self.hulls, few = hulls_of(setup.parts), self.new_friction(self.schemes[0], LANES)
-        self.alone = Alone(few.table, few.bodies, self.schemes)
+        self.hulls, self.alone = hulls_of(setup.parts), Alone(setup, self.schemes)
         self.block: Pinned[Any]
         self.paths, self.bend = NO_PATHS, math.inf
         self._blocks: dict[int, Pinned[Any]] = {}
