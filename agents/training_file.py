@@ -19,7 +19,7 @@ from vibgym.seeds import check_seeds
 from vibgym.settings import read
 
 SECTIONS = ("imitation", "residual", "selection", "serves")
-"""Sections of a file besides those of the algorithms; ``defaults`` may contain a part of a section."""
+"""Sections of a file in addition to those of the algorithms; ``defaults`` may contain a part of a section."""
 
 TUNING = "tuning"
 """Key of the search space, which training ignores: see :mod:`agents.tune`."""

@@ -192,7 +192,7 @@ class SelectionSettings(BaseSettings):
 
 
 class ServesSettings(BaseSettings):
-    """Scenes that the policy file accepts besides the one of training."""
+    """Scenes that the policy file accepts in addition to the one of training."""
 
     tasks: tuple[str, ...] | None = None
     """Names; None: the task of training."""

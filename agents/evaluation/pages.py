@@ -93,7 +93,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Card:
-    """Text and pictures in a frame; ``code`` is shown as it is."""
+    """Text and pictures in a frame; ``code`` is shown unchanged."""
 
     title: str
     text: str = ""

@@ -119,7 +119,7 @@ def fit(
 
 
 class Fit:
-    """A fit in progress: a recording, the nominal machine, and what is found besides numbers.
+    """A fit in progress: a recording, the nominal machine, and results that are not numbers.
 
     Args:
         log: the recording.

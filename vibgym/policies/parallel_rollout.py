@@ -30,7 +30,7 @@ Seen = Mapping[str, np.ndarray]
 
 
 class RolloutMemory(NamedTuple):
-    """Memory of :class:`ParallelRolloutPolicy`, besides those of its policies."""
+    """Memory of :class:`ParallelRolloutPolicy`, in addition to those of its policies."""
 
     acting: np.ndarray  # (batch,) int64, index of the policy that acts
     age: np.ndarray  # (batch,) int64, steps of the episode

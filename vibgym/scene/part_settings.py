@@ -27,7 +27,7 @@ Corners = tuple[tuple[Length, Length], ...]
 
 
 class PartSettings(BaseSettings):
-    """Properties of a part besides its outline."""
+    """Properties of a part, except its outline."""
 
     friction: float = Field(ge=0.0)
     """Coefficient of sliding friction between part and surface."""

@@ -87,7 +87,7 @@ class Model(ABC):
     ``vibgym.models``. It is called with a :class:`Setup` and its ``Settings``. Only ``advance`` is required:
 
     - ``check_parts``, ``check_conditions``: scenes that the model does not cover.
-    - ``live``, ``check_live``, ``begin``: state between calls of :meth:`advance` besides ``state``.
+    - ``live``, ``check_live``, ``begin``: state between calls of :meth:`advance`, in addition to ``state``.
     - ``reset``, ``statistics``, ``deepest_overlap``: statistics of contacts.
     - ``part_info``, ``quantities``, ``ADDS``: further results, attributes and methods.
     - ``flat``, ``tilted``, ``bottoms``, ``disturb``: models in which parts can tilt.
@@ -143,7 +143,7 @@ class Model(ABC):
         check_tipping(parts, conditions.strongest, where.format(conditions.stronger), self.setup.model)
 
     def live(self) -> dict[str, np.ndarray]:
-        """Return the live arrays (worlds, ...) that a snapshot holds besides the state, by name."""
+        """Return the live arrays (worlds, ...) that a snapshot holds in addition to the state, by name."""
         return {}
 
     def check_live(self, values: Mapping[str, np.ndarray]) -> None:  # noqa: B027 - optional

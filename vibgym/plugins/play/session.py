@@ -49,7 +49,7 @@ Share = Annotated[float, Field(ge=-1.0, le=1.0)]
 Name = Annotated[str, Field(max_length=200)]
 
 MESSAGES: dict[str, Callable[..., list[Answer] | None]] = {}
-"""Handlers of messages by name; they return answers besides the present frame."""
+"""Handlers of messages by name; they return answers in addition to the present frame."""
 
 
 def message(method: Callable[..., list[Answer] | None]) -> Callable[..., list[Answer] | None]:
