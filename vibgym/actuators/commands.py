@@ -1,4 +1,4 @@
-"""Commands on their way: stored ones, which take effect after a latency, and the inverse of a known response."""
+"""Commands on their way: their check, stored ones, which take effect after a latency, and the inverse of a known response."""
 
 from __future__ import annotations
 
@@ -7,7 +7,34 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.drive import CARTESIAN, ELEMENT, PHASOR, POLAR, Drive
+from vibgym.scene.surface import Surface
+
+
+def check_command(name: str, command: Any, surface: Surface, worlds: int) -> Drive:
+    """Return the command of the action ``name``.
+
+    Raises:
+        ValueError: not a drive, or arrays of wrong shape or type.
+    """
+    what, elements = f"command of action {name!r}", (surface.rows, surface.columns)
+    if not isinstance(command, Drive):
+        raise checks.refuse(
+            what, command, "a Drive, as made by phasor_drive(values, columns, full_scale) of vibgym.physics.core.drive"
+        )
+    motion = (worlds, *elements) if command.mode in (POLAR, CARTESIAN) else (0, 0, 0)
+    numbers = {POLAR: (0, 0), CARTESIAN: (0, 0)}.get(command.mode, (worlds, command.values.shape[-1]))
+    if command.mode in (ELEMENT, PHASOR):
+        numbers = (worlds, 2 * elements[0] * elements[1])  # amplitude and phase, or a phasor, of every element
+    for field, shape, kind in (
+        ("values", numbers, np.float32), ("amplitude", motion, np.float64), ("phase", motion, np.float64),
+    ):  # fmt: skip
+        array = getattr(command, field)
+        if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != kind:
+            got = f"shape {array.shape} and type {array.dtype}" if isinstance(array, np.ndarray) else array
+            meaning = " (worlds, rows * columns * 2)" if field == "values" else " (worlds, rows, columns)"
+            raise checks.refuse(f"{what}, {field},", got, f"of shape {shape}{meaning} and type {np.dtype(kind)}")
+    return command
 
 
 class Commands:

@@ -11,7 +11,8 @@ from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.actuators import ACTUATORS
-from vibgym.envs.actions import Action, check_command, new_action
+from vibgym.actuators.commands import check_command
+from vibgym.envs.actions import Action, new_action
 from vibgym.envs.costs import Costs
 from vibgym.envs.drawn import DrawnShapes
 from vibgym.envs.info import BatchInfo, InfoData
