@@ -10,7 +10,8 @@ from scipy.optimize import brentq, minimize
 
 from tests.simulation.helpers import simulated
 from vibgym import Part, Simulator, Surface
-from vibgym.physics.planar.static import implicit_slip
+from vibgym.physics.core.records import Table
+from vibgym.physics.planar.static import implicit_slip, slip_step, uniform_stress_holds
 
 G = 9.81
 OMEGA = 2 * math.pi * 25.0
@@ -183,6 +184,28 @@ def test_limit_surface_of_a_ring_pair():
     # along x the stresses are perpendicular: F^2 + (T / r)^2 = 1
     assert implicit_slip(load, 1.0, x, y, 2, k2, 0.6, 0.0, 0.799 * r / k2, 0.0, 0.0, 0.0) == (0.0, 0.0, 0.0)
     assert implicit_slip(load, 1.0, x, y, 2, k2, 0.6, 0.0, 0.801 * r / k2, 0.0, 0.0, 0.0) != (0.0, 0.0, 0.0)
+
+
+@settings(max_examples=300, deadline=None)
+@given(points, st.floats(-1, 1), st.floats(-1, 1), st.floats(-40, 40))
+def test_a_uniform_stress_that_holds_exceeds_the_load_in_every_direction(given_points, rx, ry, rw):
+    """Friction's power is at least the load's for every twist, so that the part sticks; sufficient, not necessary."""
+    x, y, load = np.array(given_points).T.copy()
+    load, k2 = load / max(load.sum(), 1e-3), 4e-4
+    if uniform_stress_holds(load, float(load.sum()), x, y, len(x), k2, rx, ry, rw):
+        for sx, sy, spin in np.random.default_rng(0).standard_normal((200, 3)) * [1.0, 1.0, 50.0]:
+            assert power(load, x, y, sx, sy, spin) >= rx * sx + ry * sy + k2 * rw * spin - 1e-9
+
+
+def test_a_frictionless_part_slides_down_and_keeps_its_spin():
+    """On a table at rest the slip of a part is minus its velocity: both integrals of a step are closed forms."""
+    surface, h = Surface(horizontal_amplitude=0.0), 0.003
+    table: Table = surface.table()
+    point, still = np.array([[1.0, 0.0], [0.01, 0.0], [0.0, 0.02]]), np.zeros(2)
+    incline, slip, spin = np.array([0.4, -0.3]), np.array([0.02, 0.05]), 1.7
+    result = slip_step(table, 0.0, point, still, still, 2, 4e-4, *incline, np.zeros(2), 0.0, h, *slip, spin)
+    expected = [*(slip - incline * h), spin, *(slip * h - incline * h**2 / 2), spin * h]
+    assert result == pytest.approx(expected, rel=1e-12)
 
 
 def transitions(steps, substeps, worlds=16, periods=10):
