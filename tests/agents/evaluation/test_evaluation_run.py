@@ -108,7 +108,7 @@ def test_whole_command(tmp_path, capsys):
 def test_a_full_disk_leaves_the_old_report_and_its_film(tmp_path, capsys, monkeypatch):
     path, film = saved(tmp_path, GOOD, animations=False), tmp_path / "film" / "hero.gif"
     arguments = ["evaluate", str(path), "--gif", "Rotate", "zero", str(film), "--quiet"]
-    monkeypatch.setattr(report, "page", lambda *_: "first")  # drawing takes most of the time
+    monkeypatch.setattr(report, "page", lambda *_: ("first", ""))  # drawing takes most of the time
     assert command.main(arguments) == 0
     before = files_in(tmp_path / "out") | files_in(tmp_path / "film")
     assert len(before) == 5 + 5  # two cases with a plot each, and one film
@@ -116,7 +116,7 @@ def test_a_full_disk_leaves_the_old_report_and_its_film(tmp_path, capsys, monkey
 
     def late(*_):
         fill_the_disk(monkeypatch, room=3)
-        return "second"
+        return "second", ""
 
     monkeypatch.setattr(report, "page", late)
     assert command.main(arguments) == 1

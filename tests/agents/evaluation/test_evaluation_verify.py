@@ -38,7 +38,7 @@ def original(tmp_path_factory):
     (folder / "mine.yaml").write_text(yaml.safe_dump(settings))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr("agents.evaluation.report.page", lambda *_: "drawing takes most of the time")
+        patch.setattr("agents.evaluation.report.page", lambda *_: ("drawing takes most of the time", ""))
         assert command.main(["evaluate", "mine.yaml", "--quiet"]) == 0
         assert command.main(["publish", "mine.yaml", "--output", "out"]) == 0
     return folder
