@@ -121,10 +121,11 @@ def guarded(name: str, work: Callable[[], int], extra: str | None = None) -> int
     except (TrainingError, WriteError, ConnectionError) as error:  # ConnectionError: the nodes of a cluster are lost
         return _fail(error, 1)
     except ImportError as error:
-        provides = extra or EXTRAS.get((error.name or "").partition(".")[0])
+        package = (error.name or "").partition(".")[0]
+        provides = extra or EXTRAS.get(package)
         if provides is None:
             raise
-        what = f"{error.name} is not installed" if isinstance(error, ModuleNotFoundError) else error
+        what = f"{package} is not installed" if isinstance(error, ModuleNotFoundError) else error
         return _fail(f"{name}: {what}: pip install 'vibgym[{provides}]'", 1)
 
 
