@@ -17,8 +17,8 @@ many.step(many.action_space.sample())
 for name in ("Align", "Sort"):
     for sensor in ({"kind": "pose"}, {"kind": "camera", "lines": "interlaced"}, {"kind": "camera", "statistical": True}):
         for estimator in ("none", "kalman", "model"):
-            told = {**sensor, "estimator": estimator, "report": ["age"]}
-            env = gymnasium.make(f"vibgym/{name}-v0", action="field", actuators="prototype", sensor=told)
+            sensing = {**sensor, "estimator": estimator, "report": ["age"]}
+            env = gymnasium.make(f"vibgym/{name}-v0", action="field", actuators="prototype", sensor=sensing)
             env.reset(seed=0)
             env.step(env.action_space.sample())
 for name in ("Align", "Sort", "Follow"):

@@ -11,7 +11,7 @@ from vibgym.envs import VibgymEnv
 
 
 def other(task="Align", worlds=None, **settings):
-    """Return a state of another environment, whatever the one before."""
+    """Return a state of another environment; the one before is ignored."""
 
     def state(_):
         env = single(task, **settings).unwrapped if worlds is None else batch(task, worlds, **settings)

@@ -81,7 +81,7 @@ def test_no_identity_is_lost_among_parts_that_keep_the_spacing_rule(lines, edge)
 
 
 def test_kinds_are_distinguished_by_shape():
-    """Parts of different kinds are told apart by their shapes between samples, and those of a kind by their places."""
+    """Parts of different kinds are distinguished by their shapes between samples, and those of a kind by their places."""
     left, right = [0.3, 0.1, 0.0], [0.312, 0.16, 0.0]
     for kinds in ([ALUMINIUM, STEEL], [STEEL, DISC], [ALUMINIUM, SQUARE]):
         sensor = camera(kinds, [[left, right]])
