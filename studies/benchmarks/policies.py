@@ -163,7 +163,7 @@ FORMATS: dict[str, Format] = {
         *(call(result.reported("good_per_minute")) for call in (np.mean, np.min, np.max))
     ),
     "faulty": lambda result, _: (
-        f"{sum(result.fact(f'{kind}_per_minute').mean() for kind in ('tilted', 'close', 'wrong', 'lost')):.1f}"
+        f"{sum(result.reported(f'{kind}_per_minute').mean() for kind in ('tilted', 'close', 'wrong', 'lost')):.1f}"
     ),
     "transit": lambda result, _: f"{result.reported('transit').mean():.2f} s",
     "on the table": lambda result, _: f"{result.reported('on_table').mean():.1f}",
