@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from vibgym import Part, Surface
-from vibgym.allocation.allocator import turn_round
 from vibgym.envs import ACTIONS, Action
 from vibgym.physics.core.drive import Drive, phasor_drive
 from vibgym.sensing import Measurement
@@ -34,9 +33,7 @@ class Machine(Action):
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
         """See :meth:`vibgym.envs.Action.command`."""
         push = self.pushes(np.clip(values, -1.0, 1.0).astype(np.float64))
-        phasors = np.empty((len(push), push[0].size), dtype=np.float32)
-        turn_round(np.ascontiguousarray(push).reshape(-1), phasors.reshape(-1))
-        return phasor_drive(phasors, self.surface.columns, self.full_scale)
+        return phasor_drive(-push[..., ::-1].reshape(len(push), -1), self.surface.columns, self.full_scale)
 
 
 class Plate(Machine):

@@ -313,6 +313,23 @@ def forward(parameters, velocity, push, scratch, later, acceleration, holds):
 
 
 @jit
+def invert_ahead(parameters, k, velocity, wanted, scratch, later, push, acceleration):
+    """Compute what :func:`invert_part` computes, with friction at the predicted velocity, ``later`` (3,), overwritten.
+
+    Returns:
+        Whether the model holds.
+    """
+    holds, share = False, 0.0
+    push[:] = 0.0
+    guess_ahead(parameters, k, velocity, wanted, later)
+    for _ in range(ROUNDS):
+        holds, share = invert_part(parameters, k, later, wanted, scratch, push, acceleration, share)
+        if look_ahead(parameters, k, velocity, acceleration, share, later) < STILL:
+            break
+    return holds
+
+
+@jit
 def invert(start, stop, parameters, velocity, wanted, scratch, later, push, acceleration, holds):
     """Compute ``push`` (batch, parts, 3) over full amplitude for wanted mean accelerations, and their accelerations.
 
@@ -322,14 +339,8 @@ def invert(start, stop, parameters, velocity, wanted, scratch, later, push, acce
     parameters, scratch = reference(parameters), reference(scratch)
     for i in range(start, stop):
         for p in range(velocity.shape[1]):
-            k, at, change = parameters.kind[min(i, parameters.kind.shape[0] - 1), p], velocity[i, p], acceleration[i, p]
-            share = 0.0
-            push[i, p] = 0.0
-            guess_ahead(parameters, k, at, wanted[i, p], later)
-            for _ in range(ROUNDS):
-                holds[i, p], share = invert_part(parameters, k, later, wanted[i, p], scratch, push[i, p], change, share)
-                if look_ahead(parameters, k, at, change, share, later) < STILL:
-                    break
+            k, at, goal = parameters.kind[min(i, parameters.kind.shape[0] - 1), p], velocity[i, p], wanted[i, p]
+            holds[i, p] = invert_ahead(parameters, k, at, goal, scratch, later, push[i, p], acceleration[i, p])
 
 
 class FrictionalInverse:
@@ -348,6 +359,9 @@ class FrictionalInverse:
         ahead: s, 0 to one period. Friction is evaluated at the velocity predicted for this time ahead; with half a step,
             accelerations are means over the step. On the prototype, friction takes an eighth of the velocity in half a period.
         threads: None uses all processors of this process; results do not depend on it.
+
+    Attributes:
+        parameters: of the kernels.
 
     Raises:
         ValueError: a part that can stick, a part without friction, or elements that cannot move.
@@ -384,7 +398,7 @@ class FrictionalInverse:
         friction = np.array([part.friction for part in every])
         share = reached(every)
         table = coefficients()
-        self._parameters = InverseParameters(
+        self.parameters = InverseParameters(
             np.pad(table, ((0, 0), (0, 0), (0, COLUMNS - table.shape[2]))).ravel(),
             table.shape[1],
             self.parts.kind,
@@ -410,7 +424,7 @@ class FrictionalInverse:
         result = Pushes(np.empty_like(wanted), np.empty_like(wanted), np.empty(wanted.shape[:2], dtype=bool))
 
         def work(start: int, stop: int) -> None:
-            invert(start, stop, self._parameters, velocity, wanted, new_scratch(), np.empty(3), *result)
+            invert(start, stop, self.parameters, velocity, wanted, new_scratch(), np.empty(3), *result)
 
         workers.share(work, len(wanted), self._threads)
         return result
@@ -419,7 +433,7 @@ class FrictionalInverse:
         """Return the mean accelerations (batch, parts, 3) under pushes, and where the averaged model holds."""
         velocity, push = _rows(velocity), _rows(push)
         acceleration, holds = np.empty_like(velocity), np.empty(velocity.shape[:2], dtype=bool)
-        forward(self._parameters, velocity, push, new_scratch(), np.empty(3), acceleration, holds)
+        forward(self.parameters, velocity, push, new_scratch(), np.empty(3), acceleration, holds)
         return acceleration, holds
 
 

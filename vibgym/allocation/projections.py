@@ -13,15 +13,18 @@ same bits alone and in a batch.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from vibgym.allocation.convex import project
-from vibgym.allocation.cut import Outlines, cut_parts
+from vibgym.allocation.cut import Outlines, Pieces, cut_parts, new_pieces
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
 
 DAMPING = 0.003
 """Damping of conflicting targets, as a share of the mean square."""
@@ -56,16 +59,15 @@ class Limits(NamedTuple):
     rounds: int = ROUNDS
     few_starts: int = FEW_STARTS
     few_rounds: int = FEW_ROUNDS
+    soft: float = 0.0  # width of a dead zone that is compensated, below which commands are raised
+    power: float = 1.0  # of a command over that width by which it is multiplied
 
 
 class Problem(NamedTuple):
-    """Wanted effects on the parts of a batch of worlds."""
+    """Parts, elements and their limits."""
 
     outlines: Outlines
     limits: Limits
-    pose: np.ndarray  # (worlds, parts, 3)
-    present: np.ndarray  # (worlds, parts) bool
-    wanted: np.ndarray  # (worlds, parts, 3)
     gain: np.ndarray  # (worlds or 1, elements) from commanded to actual phasors
     spread: np.ndarray  # (worlds or 1, elements) expected error of an element's push over its size
 
@@ -73,6 +75,7 @@ class Problem(NamedTuple):
 class Scratch(NamedTuple):
     """Scratch of one world."""
 
+    pieces: Pieces
     group: np.ndarray  # (parts,) int64: the first part with which each shares elements, directly or not
     slot: np.ndarray  # (elements,) int64: index of an element in its group; -1: not under a part
     first: np.ndarray  # (parts + 1,) int64: first piece of each part, and the one after the last
@@ -95,12 +98,14 @@ class Scratch(NamedTuple):
     push: np.ndarray  # (2, room): best feasible phasors of the elements, x and y
 
 
-def new_scratch(parts: int, elements: int, room: int) -> Scratch:
-    """Return scratch memory for worlds with ``parts``, ``elements`` and ``room`` pieces."""
-    room = -(-room // LANES) * LANES  # whole vectors
+def new_scratch(surface: Surface, kinds: Sequence[Part]) -> Scratch:
+    """Return scratch memory of one thread."""
+    pieces, parts = new_pieces(surface, kinds), len(kinds)
+    room = -(-len(pieces.part) // LANES) * LANES  # whole vectors
     return Scratch(
+        pieces=pieces,
         group=np.zeros(parts, dtype=np.int64),
-        slot=np.full(elements, -1, dtype=np.int64),
+        slot=np.full(surface.rows * surface.columns, -1, dtype=np.int64),
         first=np.zeros(parts + 1, dtype=np.int64),
         earlier=np.zeros(room, dtype=np.int64),
         latest=np.zeros(room, dtype=np.int64),
@@ -185,14 +190,13 @@ def add_pair(gram, weight, lever, p, i, q, j):
 
 
 @jit
-def gather(problem, world, pieces, own, work):
+def gather(problem, world, wanted, own, work):
     """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three.
 
     A part's field is a uniform push and a rotation. The pushes have the least mean square over the covered area among all
     pushes with the wanted effect; under a single part they are therefore uniform.
     """
-    group, slot, inverse, lever = work.group, work.slot, work.inverse, work.lever
-    wanted = problem.wanted[world]
+    group, slot, inverse, lever, pieces = work.group, work.slot, work.inverse, work.lever, work.pieces
     gain = problem.gain[min(world, problem.gain.shape[0] - 1)]
     spread = problem.spread[min(world, problem.spread.shape[0] - 1)]
     parts, elements, n = 0, 0, 0
@@ -369,10 +373,10 @@ def begin(limits, work, parts, elements, n, lanes):
 
 
 @jit
-def allocate_group(problem, world, pieces, own, work):
+def allocate_group(problem, world, wanted, own, work):
     """Compute phasors for a group of parts, ``work.push``; returns the number of elements."""
     limits = problem.limits
-    parts, elements, n = gather(problem, world, pieces, own, work)
+    parts, elements, n = gather(problem, world, wanted, own, work)
     if limits.least == 0.0:
         project(limits, work, parts, elements, n)
         return elements
@@ -399,34 +403,53 @@ def allocate_group(problem, world, pieces, own, work):
 
 
 @jit
-def allocate(start, stop, problem, pieces, work, push, as_phasors):
-    """Compute the pushes of all elements of worlds ``start`` to ``stop``, see :meth:`vibgym.allocation.Allocator.pushes`.
+def phasor(limits, x, y):
+    """Return the phasor ``-(y, x)`` of a push; below the width of a soft dead zone it is longer."""
+    longer, length = 1.0, math.sqrt(x * x + y * y)
+    if 0.0 < length < limits.soft:
+        longer = (length / limits.soft) ** limits.power
+    return -longer * y, -longer * x
+
+
+@jit
+def turn_round(limits, push, action):
+    """Write pushes (n,) x, y, x, y, ... as phasors, float32, into ``action``."""
+    limits = reference(limits)
+    for k in range(0, push.shape[0], 2):
+        action[k], action[k + 1] = phasor(limits, push[k], push[k + 1])
+
+
+@jit
+def allocate_world(problem, world, pose, present, wanted, work, push, as_phasors):
+    """Compute the pushes of all elements of a world.
 
     Args:
-        pieces, work: scratch.
-        push: (worlds, elements, 2), overwritten with pushes (x, y), or with phasors ``-(y, x)`` if ``as_phasors``.
+        pose, present, wanted: (parts, 3), (parts,) and (parts, 3), see :meth:`vibgym.allocation.Allocator.pushes`.
+        work: scratch.
+        push: (2 elements,), overwritten with pushes x, y, x, y, ..., or with their phasors if ``as_phasors``.
     """
-    outlines, problem, pieces, work = (
-        reference(problem.outlines),
-        reference(problem),
-        reference(pieces),
-        reference(work),
-    )
-    pose, present, wanted, group = problem.pose, problem.present, problem.wanted, work.group
+    group, limits = work.group, problem.limits
+    push[:] = 0.0
+    count = cut_parts(problem.outlines, world, pose, present, work.pieces)
+    group_parts(work.pieces, count, pose.shape[0], group, work.slot, work.first)
+    for own in range(pose.shape[0]):
+        if group[own] != own or not present[own]:
+            continue
+        moves = False
+        for p in range(own, pose.shape[0]):
+            if group[p] == own and present[p]:
+                moves = moves or wanted[p, 0] != 0.0 or wanted[p, 1] != 0.0 or wanted[p, 2] != 0.0
+        if not moves:
+            continue
+        for j in range(allocate_group(problem, world, wanted, own, work)):
+            e, x, y = work.element[j], work.push[0, j], work.push[1, j]
+            work.slot[e] = -1
+            push[2 * e], push[2 * e + 1] = phasor(limits, x, y) if as_phasors else (x, y)
+
+
+@jit
+def allocate(start, stop, problem, pose, present, wanted, work, push):
+    """Compute the pushes (worlds, 2 elements) of worlds ``start`` to ``stop``, see :func:`allocate_world`."""
+    problem, work = reference(problem), reference(work)
     for w in range(start, stop):
-        push[w] = 0.0
-        count = cut_parts(outlines, w, pose[w], present[w], pieces)
-        group_parts(pieces, count, pose.shape[1], group, work.slot, work.first)
-        for own in range(pose.shape[1]):
-            if group[own] != own or not present[w, own]:
-                continue
-            moves = False
-            for p in range(own, pose.shape[1]):
-                if group[p] == own and present[w, p]:
-                    moves = moves or wanted[w, p, 0] != 0.0 or wanted[w, p, 1] != 0.0 or wanted[w, p, 2] != 0.0
-            if not moves:
-                continue
-            for j in range(allocate_group(problem, w, pieces, own, work)):
-                e, x, y = work.element[j], work.push[0, j], work.push[1, j]
-                work.slot[e] = -1
-                push[w, e, 0], push[w, e, 1] = (-y, -x) if as_phasors else (x, y)
+        allocate_world(problem, w, pose[w], present[w], wanted[w], work, push[w], False)

@@ -1,26 +1,32 @@
 """Actions that command the motion of each part: acceleration, velocity, or a pose to go to.
 
-The environment computes the phasors: the frictional process is inverted (:mod:`vibgym.allocation.frictional`), and the pushes
-are allocated to the elements under the parts (:mod:`vibgym.allocation.allocator`).
+One kernel computes the phasors, world by world: values are decoded to wanted accelerations, the frictional process is inverted
+(:mod:`vibgym.allocation.frictional`), and the pushes are allocated to the elements under the parts
+(:mod:`vibgym.allocation.projections`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from vibgym.actuators import DataSheet
 from vibgym.allocation import Allocator
 from vibgym.allocation.allocator import strongest
-from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.allocation.frictional import FrictionalInverse, InverseParameters, invert_ahead
+from vibgym.allocation.projections import Problem, Scratch, allocate_world, new_scratch
 from vibgym.envs.actions import ACTIONS, Action
-from vibgym.kernels.jit import jit
+from vibgym.kernels.jit import exact, jit
+from vibgym.kernels.reference import Layout, Pinned
+from vibgym.physics.averaged import averages
 from vibgym.physics.core.drive import Drive, phasor_drive
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement
+from vibgym.simulation import threads as workers
 from vibgym.simulation.plant import plant_of, reached
 
 REASONS = (
@@ -30,6 +36,169 @@ REASONS = (
 """Why elements rest under a part, see :class:`Wrench`."""
 
 SERVED, GONE, BESIDE, STICKS, LEFT_OUT = range(len(REASONS))
+
+
+WRENCH, VELOCITY, TARGET, CUSTOM = range(4)
+"""Forms of an action: that of a class below, or accelerations that a subclass computes in Python."""
+
+TOP_SHARE = 5.0 / 6.0
+"""Speed of an action of 1 over the table's: 0.35 m/s on the prototype, where parts reach 0.30 m/s."""
+
+REACH, TURN_REACH = 0.12, 0.5 * math.pi
+"""Displacement (m) and turn (rad) of an action of 1 of :class:`Target`."""
+
+BRAKING, TURN_BRAKING = 0.8, 0.5
+"""Share of the push near rest that is used for braking. Elements under a part turn it with less than they move it."""
+
+APPROACH = 0.8
+"""Largest share of the way left that a part covers in a step; more would overshoot."""
+
+ITERATIONS = 4
+"""Iterations of the speed at the end of a step; each halves its error."""
+
+PART_COST, DEAD_ZONE_COST = 0.9, 4.0
+"""us of :func:`command_worlds` for a part, and for a part on elements with a hard dead zone."""
+
+TINY = 1e-300  # replaces a length of zero in divisions
+
+
+class Decoding(NamedTuple):
+    """Meaning of the values of an action. Arrays (rows, parts, 3) have a row per world, or one for all worlds."""
+
+    form: int  # WRENCH, ...
+    time: float  # s, of a step
+    scale: np.ndarray  # (rows, parts, 3) see Wrench
+    top: np.ndarray = np.zeros((0, 0, 3))  # (rows, parts, 3) see Velocity
+    braking: np.ndarray = np.zeros(
+        (0, 0, 3)
+    )  # (rows, parts, 3) deceleration at which Target brakes, m/s^2, m/s^2, rad/s^2
+    reach: np.ndarray = np.zeros(0)  # (3,) see Target
+    first: float = 0.0  # m, least x and y of targets
+    last: np.ndarray = np.zeros(0)  # (2,) m, largest x and y of targets
+
+
+class Motion(NamedTuple):
+    """An action and its scene; arrays are live."""
+
+    decoding: Decoding
+    process: InverseParameters
+    problem: Problem
+    width: float  # m, of the surface
+    depth: float
+    lag: float  # s, by which a mean velocity is older than the step
+    wanted: np.ndarray  # (worlds, parts, 3) accelerations, m/s^2, m/s^2, rad/s^2
+    left_out: np.ndarray  # (worlds, parts) bool
+    given: np.ndarray  # (worlds, parts, 3) accelerations that the pushes of the last step give
+    unserved: np.ndarray  # (worlds, parts) int64, among REASONS
+    moved: np.ndarray  # (worlds, parts, 2) m, by which targets are moved inside the borders
+    phasors: np.ndarray  # (worlds, 2 elements) float32
+
+
+class Work(NamedTuple):
+    """Scratch of a block of worlds."""
+
+    averages: averages.Scratch
+    allocation: Scratch
+    velocity: np.ndarray  # (3,) of a part at the start of the step, m/s, m/s, rad/s
+    later: np.ndarray  # (3,) later in the step
+    push: np.ndarray  # (parts, 3)
+    served: np.ndarray  # (parts,) bool
+
+
+DECODING: Layout[Decoding] = Layout("DECODING", __name__)
+MOTION: Layout[Motion] = Layout("MOTION", __name__)
+WORK: Layout[Work] = Layout("WORK", __name__)
+decoding_at, motion_at, work_at = DECODING.at, MOTION.at, WORK.at
+
+
+@jit
+def brake(displacement, now, braking, top, time):
+    """Return the speed towards a target at the end of a step: ``v = curve(x - T (now + v) / 2)``."""
+    v = now
+    for iteration in range(ITERATIONS):
+        left = max(displacement - 0.5 * time * (now + v), 0.0)
+        allowed = min(math.sqrt(2.0 * braking * left), APPROACH / time * left)
+        v = allowed if iteration == 0 else 0.5 * (v + allowed)
+    return min(v, top)
+
+
+@exact
+def approach(decoding, row, part, values, velocity, pose, wanted, moved):
+    """Compute the acceleration onto the braking curve to a target, and how far the target is moved; see :func:`decode`."""
+    braking, top, time = decoding.braking[row, part], decoding.top[row, part], decoding.time
+    for k in range(2):
+        target = pose[k] + values[k] * abs(values[k]) * decoding.reach[k]
+        inside = min(max(target, decoding.first), decoding.last[k])
+        wanted[k], moved[k] = inside - pose[k], inside - target
+    way, turn = math.hypot(wanted[0], wanted[1]), values[2] * abs(values[2]) * decoding.reach[2]
+    x, y, side = wanted[0] / max(way, TINY), wanted[1] / max(way, TINY), math.copysign(1.0, turn)
+    speed = brake(way, velocity[0] * x + velocity[1] * y, braking[0], top[0], time)
+    spin = brake(abs(turn), velocity[2] * side, braking[2], top[2], time)
+    wanted[0], wanted[1] = (speed * x - velocity[0]) / time, (speed * y - velocity[1]) / time
+    wanted[2] = (spin * side - velocity[2]) / time
+
+
+@exact
+def decode(decoding, row, part, values, velocity, pose, wanted, moved):
+    """Compute the wanted mean acceleration of a part in the step.
+
+    Args:
+        decoding: reference to a :class:`Decoding`.
+        row: of its arrays.
+        values: (3,) of the part's action.
+        velocity: (3,) at the start of the step, m/s, m/s, rad/s.
+        pose: (3,) measured, m, m, rad.
+        wanted: (3,), overwritten, m/s^2, m/s^2, rad/s^2.
+        moved: (2,), overwritten by :class:`Target`, see :class:`Motion`.
+    """
+    if decoding.form == WRENCH:
+        for k in range(3):
+            wanted[k] = values[k] * decoding.scale[row, part, k]
+    elif decoding.form == VELOCITY:
+        for k in range(3):
+            wanted[k] = (values[k] * abs(values[k]) * decoding.top[row, part, k] - velocity[k]) / decoding.time
+    elif decoding.form == TARGET:
+        approach(decoding, row, part, values, velocity, pose, wanted, moved)
+
+
+@jit
+def decode_batch(decoding, values, velocity, pose, wanted, moved):
+    """Compute wanted accelerations (batch, parts, 3), see :meth:`Wrench.acceleration`; ``decoding`` is an address."""
+    decoding = decoding_at(decoding)
+    for i in range(values.shape[0]):
+        row = min(i, decoding.scale.shape[0] - 1)
+        for p in range(values.shape[1]):
+            decode(decoding, row, p, values[i, p], velocity[i, p], pose[i, p], wanted[i, p], moved)
+
+
+@exact
+def command_worlds(start, stop, work, motion, values, pose, mean_velocity, gone):
+    """Compute the phasors of worlds ``start`` to ``stop``, the accelerations that they give, and which parts get none.
+
+    Args:
+        work, motion: addresses of a pinned :class:`Work` and :class:`Motion`.
+        values: (worlds, 3 parts) float32, of the actions.
+        pose, mean_velocity, gone: (worlds, parts, ...), measured.
+    """
+    work, motion = work_at(work), motion_at(motion)
+    decoding, process, velocity = motion.decoding, motion.process, work.velocity
+    for w in range(start, stop):
+        row = min(w, process.kind.shape[0] - 1)
+        for p in range(pose.shape[1]):
+            at, given, wanted, moved = pose[w, p], motion.given[w, p], motion.wanted[w, p], motion.moved[w, p]
+            for k in range(3):
+                velocity[k] = mean_velocity[w, p, k] + motion.lag * given[k]
+            reason, moved[:] = GONE, 0.0
+            if not gone[w, p]:
+                decode(decoding, row, p, values[w, 3 * p : 3 * p + 3], velocity, at, wanted, moved)
+                kind, push = process.kind[row, p], work.push[p]
+                holds = invert_ahead(process, kind, velocity, wanted, work.averages, work.later, push, given)
+                outside = at[0] < 0.0 or at[1] < 0.0 or at[0] > motion.width or at[1] > motion.depth
+                reason = BESIDE if outside else STICKS if not holds else LEFT_OUT if motion.left_out[w, p] else SERVED
+            motion.unserved[w, p], work.served[p] = reason, reason == SERVED
+            if reason != SERVED:
+                given[:] = 0.0
+        allocate_world(motion.problem, w, pose[w], work.served, work.push, work.allocation, motion.phasors[w], True)
 
 
 class Wrench(Action):
@@ -65,17 +234,32 @@ class Wrench(Action):
         return [push, push, push / math.sqrt(part.gyration)]
 
     def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
-        self.allocator = Allocator(self.surface, self.parts, sheet)
-        self._process = FrictionalInverse(self.surface, self.parts, limit=sheet.limit, ahead=0.5 * self.surface.period)
-        self._unserved = np.zeros((worlds, len(self.parts)), dtype=np.int64)
-        self._given = np.zeros((worlds, *self.shape))
-        values = np.zeros((worlds, 2 * self.surface.rows * self.surface.columns), dtype=np.float32)
-        self._phasors = phasor_drive(values, self.surface.columns, self.full_scale)
-        return {"unserved": self._unserved}
+        surface, shape, own = self.surface, (worlds, len(self.parts)), type(self)
+        self.allocator = Allocator(surface, self.parts, sheet)
+        process = FrictionalInverse(surface, self.parts, limit=sheet.limit, ahead=0.5 * surface.period)
+        phasors = np.zeros((worlds, 2 * surface.rows * surface.columns), dtype=np.float32)
+        self._phasors = phasor_drive(phasors, surface.columns, self.full_scale)
+        self._decoding = Pinned(DECODING, self._meaning(sheet))
+        decoding = self._decoding.record
+        self._accelerates = own.acceleration is not Wrench.acceleration
+        self._leaves_out = own.left_out is not Wrench.left_out
+        self._motion = Pinned(MOTION, Motion(
+            decoding._replace(form=CUSTOM) if self._accelerates else decoding, process.parameters, self.allocator.problem,
+            surface.width, surface.depth, lag=0.5 * surface.period,
+            wanted=np.zeros((*shape, 3)), left_out=np.zeros(shape, dtype=bool), given=np.zeros((*shape, 3)),
+            unserved=np.zeros(shape, dtype=np.int64), moved=np.zeros((*shape, 2)), phasors=phasors,
+        ))  # fmt: skip
+        cost = len(self.parts) * (DEAD_ZONE_COST if self.allocator.least > 0.0 else PART_COST)
+        self._blocks = workers.Blocks(worlds, workers.available_threads(), cost)
+        self._works = [Pinned(WORK, new_work(surface, self.parts)) for _ in self._blocks.edges]
+        return {"unserved": self._motion.record.unserved}
+
+    def _meaning(self, sheet: DataSheet) -> Decoding:
+        return Decoding(WRENCH, self.step_time, self.scale)
 
     def left_out(self, measurement: Measurement) -> np.ndarray:
         """Return the parts (worlds, parts) bool that are excluded from the allocation; by default none."""
-        return np.zeros_like(measurement.gone)
+        return self._motion.record.left_out
 
     def acceleration(self, values: np.ndarray, velocity: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Return the wanted mean accelerations (worlds, parts, 3) in the step, m/s^2 and rad/s^2.
@@ -85,33 +269,35 @@ class Wrench(Action):
             velocity: (worlds, parts, 3) at the start of the step, m/s and rad/s.
             pose: (worlds, parts, 3) measured, m, m, rad.
         """
-        return values * self.scale
+        values, wanted = np.ascontiguousarray(values, dtype=np.float32), np.empty(velocity.shape)
+        velocity, pose = np.ascontiguousarray(velocity), np.ascontiguousarray(pose)
+        decode_batch(self._decoding.address, values, velocity, pose, wanted, np.empty(2))
+        return wanted
 
     def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return the action, not clipped, whose wanted accelerations these are: the inverse of :meth:`acceleration`."""
         return acceleration / self.scale
 
     def live(self) -> dict[str, np.ndarray]:
-        return {"given": self._given, "unserved": self._unserved}
+        return {"given": self._motion.record.given, "unserved": self._motion.record.unserved}
 
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        # A mean velocity is half a period old.
-        velocity = measurement.mean_velocity + 0.5 * self.surface.period * self._given
-        wanted = self.acceleration(values.reshape(-1, *self.shape), velocity, measurement.pose)
-        push, acceleration, holds = self._process.push(velocity, wanted)
-        pose = measurement.pose
-        x, y = pose[..., 0], pose[..., 1]
-        outside = (x < 0.0) | (y < 0.0) | (x > self.surface.width) | (y > self.surface.depth)
-        reasons = [measurement.gone, outside, ~holds, self.left_out(measurement)]
-        self._unserved[...] = np.select(reasons, [GONE, BESIDE, STICKS, LEFT_OUT], SERVED)
-        served = self._unserved == SERVED
-        self._given[...] = np.where(served[..., None], acceleration, 0.0)
-        self.allocator.actions(pose, served, np.where(served[..., None], push, 0.0), out=self._phasors.values)
+        motion, measured = self._motion, measurement[:3]
+        pose, mean_velocity, _ = measured
+        if self._accelerates:
+            velocity = mean_velocity + motion.record.lag * motion.record.given
+            motion.record.wanted[...] = self.acceleration(values.reshape(-1, *self.shape), velocity, pose)
+        if self._leaves_out:
+            motion.record.left_out[...] = self.left_out(measurement)
+        edges, works = self._blocks.edges, self._works
+        self._blocks.run(lambda k: command_worlds(*edges[k], works[k].address, motion.address, values, *measured))
         return self._phasors
 
 
-TOP_SHARE = 5.0 / 6.0
-"""Speed of an action of 1 over the table's: 0.35 m/s on the prototype, where parts reach 0.30 m/s."""
+def new_work(surface: Surface, parts: Sequence[Part]) -> Work:
+    """Allocate scratch memory."""
+    pushes, served = np.zeros((len(parts), 3)), np.zeros(len(parts), dtype=bool)
+    return Work(averages.new_scratch(), new_scratch(surface, parts), np.zeros(3), np.zeros(3), pushes, served)
 
 
 class Velocity(Wrench):
@@ -131,27 +317,13 @@ class Velocity(Wrench):
         speed = TOP_SHARE * surface.table_speed
         self.top = self.parts.values(lambda part: [speed, speed, speed / math.sqrt(part.gyration)])
 
-    def acceleration(self, values: np.ndarray, velocity: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """See :meth:`Wrench.acceleration`."""
-        return (values * np.abs(values) * self.top - velocity) / self.step_time
+    def _meaning(self, sheet: DataSheet) -> Decoding:
+        return super()._meaning(sheet)._replace(form=VELOCITY, top=self.top)
 
     def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """See :meth:`Wrench.values`."""
         share = (velocity + self.step_time * acceleration) / self.top
         return np.sign(share) * np.sqrt(np.abs(share))
-
-
-REACH, TURN_REACH = 0.12, 0.5 * math.pi
-"""Displacement (m) and turn (rad) of an action of 1 of :class:`Target`."""
-
-BRAKING, TURN_BRAKING = 0.8, 0.5
-"""Share of the push near rest that is used for braking. Elements under a part turn it with less than they move it."""
-
-APPROACH = 0.8
-"""Largest share of the way left that a part covers in a step; more would overshoot."""
-
-ITERATIONS = 4
-"""Iterations of the speed at the end of a step; each halves its error."""
 
 
 class Target(Velocity):
@@ -172,31 +344,23 @@ class Target(Velocity):
     reach = np.array([REACH, REACH, TURN_REACH])
 
     def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
+        return {**super().resolve_limits(sheet, worlds), "moved": self._motion.record.moved}
+
+    def _meaning(self, sheet: DataSheet) -> Decoding:
+        surface, strength = self.surface, strongest(self.surface, sheet)
         # The border moves with the table, so that a centre of mass on it would be without support now and then.
-        self.margin = 2.0 * self.surface.horizontal_amplitude
-        strength = strongest(self.surface, sheet)
+        self.margin = 2.0 * surface.horizontal_amplitude
 
         def braking(part: Part) -> list[float]:
-            plant = plant_of(self.surface, [part], strength)
+            plant = plant_of(surface, [part], strength)
             return [BRAKING * plant.push[0], BRAKING * plant.push[0], TURN_BRAKING * plant.turn_push[0]]
 
-        self._braking = self.parts.values(braking)
-        self._moved = np.zeros((worlds, len(self.parts), 2))
-        return {**super().resolve_limits(sheet, worlds), "moved": self._moved}
+        self._braking, last = self.parts.values(braking), np.array([surface.width, surface.depth]) - self.margin
+        velocity = super()._meaning(sheet)
+        return velocity._replace(form=TARGET, braking=self._braking, reach=self.reach, first=self.margin, last=last)
 
     def live(self) -> dict[str, np.ndarray]:
-        return {**super().live(), "moved": self._moved}
-
-    def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        _, moved = self._inside(values.reshape(-1, *self.shape), measurement.pose)
-        self._moved[...] = np.where(measurement.gone[..., None], 0.0, moved)
-        return super().command(values, measurement)
-
-    def acceleration(self, values: np.ndarray, velocity: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """See :meth:`Wrench.acceleration`."""
-        offset, _ = self._inside(values, pose)
-        displacement, direction = _polar(offset)
-        return (self._speed(displacement, _towards(velocity, direction)) * direction - velocity) / self.step_time
+        return {**super().live(), "moved": self._motion.record.moved}
 
     def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """See :meth:`Wrench.values`."""
@@ -207,41 +371,12 @@ class Target(Velocity):
         offset = displacement * direction / self.reach
         return np.sign(offset) * np.sqrt(np.abs(offset))
 
-    def _inside(self, values: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return displacements and turns (worlds, parts, 3) to the targets, and how far (..., 2) m they are moved inside."""
-        offset = values * np.abs(values) * self.reach
-        wanted = pose[..., :2] + offset[..., :2]
-        inside = np.clip(wanted, self.margin, np.array([self.surface.width, self.surface.depth]) - self.margin)
-        offset[..., :2] = inside - pose[..., :2]
-        return offset, inside - wanted
-
-    def _speed(self, displacement: np.ndarray, now: np.ndarray) -> np.ndarray:
-        """Return speeds (worlds, parts, 3) towards the targets at the end of the step: ``v = curve(x - T (now + v) / 2)``."""
-        speed = np.empty_like(displacement)
-        brake(displacement, now, self._braking, self.top, self.step_time, speed)
-        return speed
-
-
-@jit
-def brake(displacement, now, braking, top, step, speed):
-    """Compute ``speed``, see :meth:`Target._speed`."""
-    for w in range(displacement.shape[0]):
-        row = min(w, top.shape[0] - 1)
-        for p in range(displacement.shape[1]):
-            for k in range(3):
-                v = now[w, p, k]
-                for iteration in range(ITERATIONS):
-                    left = max(displacement[w, p, k] - 0.5 * step * (now[w, p, k] + v), 0.0)
-                    allowed = min(math.sqrt(2.0 * braking[row, p, k] * left), APPROACH / step * left)
-                    v = allowed if iteration == 0 else 0.5 * (v + allowed)
-                speed[w, p, k] = min(v, top[row, p, k])
-
 
 def _polar(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return length and direction (..., 3) of vectors (x, y), twice the same length, and of headings."""
     length = np.abs(vector)
     length[..., :2] = np.hypot(vector[..., 0], vector[..., 1])[..., None]
-    return length, vector / np.maximum(length, 1e-300)
+    return length, vector / np.maximum(length, TINY)
 
 
 def _towards(velocity: np.ndarray, direction: np.ndarray) -> np.ndarray:
