@@ -8,11 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.envs.helpers import batch, single
-from vibgym.envs import ACTIONS, Wrench
-from vibgym.envs.motions import BESIDE, GONE, LEFT_OUT, REASONS, SERVED
+from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.envs import ACTIONS, Velocity, Wrench
+from vibgym.envs.motions import BESIDE, GONE, LEFT_OUT, MOTIONS, REASONS, SERVED
 from vibgym.policies import rollout
 from vibgym.scene.parts import shipped_part
 from vibgym.scene.surface import Surface
+from vibgym.simulation import threads as workers
 
 PART = shipped_part("aluminium_block")
 MACHINE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
@@ -221,6 +223,51 @@ def test_reasons_for_resting_elements_are_reported():
     there = many.unwrapped.truth.present
     assert (info["commanded"]["unserved"] == np.where(there, SERVED, GONE)).all() and not there.all()
     assert len(REASONS) == LEFT_OUT + 1
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize("form", ["ideal", "hard", "soft", "cubic"])
+def test_the_kernel_composes_decoding_inverse_and_allocation(name, form, monkeypatch):
+    """On any number of threads; values beyond 1 are clipped."""
+    monkeypatch.setattr(workers, "WORTH", 1.0)
+    hardware = "ideal" if form == "ideal" else {"kind": "prototype", "dead_zone_form": form, "limit": 3e-4}
+    random, drives = np.random.default_rng(1), []
+    values = random.uniform(-1.2, 1.2, (40, 18)).astype(np.float32)
+    for threads in (1, 2, 5):
+        monkeypatch.setattr(workers, "available_threads", lambda threads=threads: threads)
+        env = batch("SortCrowded", 40, action=name, actuators=hardware).unwrapped
+        env.reset(seed=1)
+        action, state = env.core.action, env.core.simulator.state
+        state.mean_velocity[...] = np.random.default_rng(2).uniform(-0.1, 0.1, state.pose.shape)
+        state.fallen[::7, 2], state.pose[5, 1, 1] = True, -1e-3
+        measured = env.core.pipeline.measurement
+        drives.append(action.command(values, measured).values.copy())
+    wanted = action.acceleration(np.clip(values, -1.0, 1.0).reshape(40, 6, 3), measured.mean_velocity, measured.pose)
+    half, limit = 0.5 * env.surface.period, env.data_sheet.limit
+    process = FrictionalInverse(env.surface, env.parts, limit=limit, ahead=half)
+    push, acceleration, holds = process.push(measured.mean_velocity, wanted)
+    served = holds & ~measured.gone
+    served[5, 1] = False
+    assert (action.live()["given"] == np.where(served[..., None], acceleration, 0.0)).all()
+    assert (action.allocator.actions(measured.pose, served, push) == drives).all() and drives[0].any()
+
+
+class Halved(Velocity):
+    """Accelerate half as much, in Python."""
+
+    def acceleration(self, values, velocity, pose):
+        return 0.5 * super().acceleration(values, velocity, pose)
+
+
+def test_a_subclass_overrides_the_acceleration(monkeypatch):
+    monkeypatch.setitem(ACTIONS._items, "halved", Halved)
+    given = []
+    for action in ("velocity", "halved"):
+        env = single("Align", action=action).unwrapped
+        env.reset(seed=1)
+        env.step(np.full(3, 0.1, dtype=np.float32))
+        given.append(env.core.action.live()["given"])
+    np.testing.assert_allclose(given[1], 0.5 * given[0], rtol=1e-3)
 
 
 class Spared(Wrench):

@@ -37,7 +37,6 @@ REASONS = (
 
 SERVED, GONE, BESIDE, STICKS, LEFT_OUT = range(len(REASONS))
 
-
 WRENCH, VELOCITY, TARGET, CUSTOM = range(4)
 """Forms of an action: that of a class below, or accelerations that a subclass computes in Python."""
 
@@ -62,6 +61,200 @@ PART_COST, DEAD_ZONE_COST = 0.9, 4.0
 TINY = 1e-300  # replaces a length of zero in divisions
 
 
+class Wrench(Action):
+    """(parts, 3): mean acceleration of each part, x, y and angular, allocated to the elements under it.
+
+    1 is the acceleration of a part at rest by all elements at full amplitude: ``mu a_v w^2 / 2`` (2.9 m/s^2 on the prototype
+    with mu 0.58), divided by the radius of gyration for the third. Friction drag at the measured velocity is compensated
+    (:mod:`vibgym.allocation.frictional`), so zeros keep the velocity. Commands beyond the actuator limits are scaled down.
+    Parts that share elements are allocated together (:mod:`vibgym.allocation.allocator`), within dead zone and limit of the
+    data sheet.
+
+    Elements rest under a part without an allocation; ``info["commanded"]["unserved"]`` (parts,) gives the reason as an index
+    of :data:`REASONS`. A subclass excludes parts by :meth:`left_out`.
+
+    Attributes:
+        allocator: :class:`vibgym.allocation.Allocator` of the scene.
+        scale: (worlds, parts, 3), or one row for all worlds: accelerations of an action of 1, m/s^2, m/s^2, rad/s^2.
+
+    Raises:
+        ValueError: a part that can stick to the surface, where averages over a period do not hold.
+    """
+
+    by_part = True
+
+    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
+        super().__init__(surface, parts)
+        self.shape = (len(self.parts), 3)
+        self.scale = self.parts.values(self._full_push)
+
+    def _full_push(self, part: Part) -> list[float]:
+        """Return accelerations by all elements at full amplitude, m/s^2, m/s^2, rad/s^2."""
+        push = 0.5 * reached([part])[0] * part.friction * self.full_scale
+        return [push, push, push / math.sqrt(part.gyration)]
+
+    def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
+        surface, shape, own = self.surface, (worlds, len(self.parts)), type(self)
+        self.allocator = Allocator(surface, self.parts, sheet)
+        process = FrictionalInverse(surface, self.parts, limit=sheet.limit, ahead=0.5 * surface.period)
+        phasors = np.zeros((worlds, 2 * surface.rows * surface.columns), dtype=np.float32)
+        self._phasors = phasor_drive(phasors, surface.columns, self.full_scale)
+        decoding = self._new_decoding(sheet)
+        self._decoding = Pinned(DECODING, decoding)
+        # Methods that a subclass overrides are called before the kernel.
+        self._custom_acceleration = own.acceleration is not Wrench.acceleration
+        self._custom_left_out = own.left_out is not Wrench.left_out
+        self._motion = Pinned(MOTION, Motion(
+            decoding._replace(form=CUSTOM) if self._custom_acceleration else decoding, process.parameters,
+            self.allocator.problem, surface.width, surface.depth, lag=0.5 * surface.period,
+            wanted=np.zeros((*shape, 3)), left_out=np.zeros(shape, dtype=bool), given=np.zeros((*shape, 3)),
+            unserved=np.zeros(shape, dtype=np.int64), moved=np.zeros((*shape, 2)), phasors=phasors,
+        ))  # fmt: skip
+        cost = len(self.parts) * (DEAD_ZONE_COST if self.allocator.least > 0.0 else PART_COST)
+        self._blocks = workers.Blocks(worlds, workers.available_threads(), cost)
+        self._works = [Pinned(WORK, new_work(surface, self.parts)) for _ in self._blocks.edges]
+        return {"unserved": self._motion.record.unserved}
+
+    def _new_decoding(self, sheet: DataSheet) -> Decoding:
+        """Return the meaning of the values."""
+        return Decoding(WRENCH, self.step_time, self.scale)
+
+    def left_out(self, measurement: Measurement) -> np.ndarray:
+        """Return the parts (worlds, parts) bool that are excluded from the allocation; by default none."""
+        return self._motion.record.left_out
+
+    def acceleration(self, values: np.ndarray, velocity: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Return the wanted mean accelerations (worlds, parts, 3) in the step, m/s^2 and rad/s^2.
+
+        A subclass may override it; then it is called in every step.
+
+        Args:
+            values: (worlds, parts, 3) of the action, in [-1, 1].
+            velocity: (worlds, parts, 3) at the start of the step, m/s and rad/s.
+            pose: (worlds, parts, 3) measured, m, m, rad.
+        """
+        values, wanted = np.ascontiguousarray(values, dtype=np.float32), np.empty(velocity.shape)
+        velocity, pose = np.ascontiguousarray(velocity), np.ascontiguousarray(pose)
+        decode_batch(self._decoding.address, values, velocity, pose, wanted, np.empty(2))
+        return wanted
+
+    def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return the action, not clipped, whose wanted accelerations these are: the inverse of :meth:`acceleration`."""
+        return acceleration / self.scale
+
+    def live(self) -> dict[str, np.ndarray]:
+        return {"given": self._motion.record.given, "unserved": self._motion.record.unserved}
+
+    def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
+        motion, measured = self._motion, measurement[:3]
+        pose, mean_velocity, _ = measured
+        if self._custom_acceleration:
+            velocity = mean_velocity + motion.record.lag * motion.record.given
+            clipped_values = np.clip(values, -1.0, 1.0).reshape(-1, *self.shape)
+            motion.record.wanted[...] = self.acceleration(clipped_values, velocity, pose)
+        if self._custom_left_out:
+            motion.record.left_out[...] = self.left_out(measurement)
+        edges, works = self._blocks.edges, self._works
+        self._blocks.run(lambda k: command_worlds(*edges[k], works[k].address, motion.address, values, *measured))
+        return self._phasors
+
+
+class Velocity(Wrench):
+    """(parts, 3): mean velocity of each part at the end of the step, x, y and spin, allocated to the elements under it.
+
+    A value ``a`` commands ``sign(a) a^2`` times :attr:`top`: 5/6 of the table's speed (0.35 m/s on the prototype, above the
+    speed that parts reach), divided by the radius of gyration for the third. The square makes small velocities finer; 0 stops
+    a part. The acceleration is that of :class:`Wrench` which changes the measured velocity to the commanded one within the
+    step, as far as actuator limits permit.
+
+    Attributes:
+        top: (worlds, parts, 3), or one row for all worlds: velocities of an action of 1, m/s, m/s, rad/s.
+    """
+
+    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
+        super().__init__(surface, parts)
+        speed = TOP_SHARE * surface.table_speed
+        self.top = self.parts.values(lambda part: [speed, speed, speed / math.sqrt(part.gyration)])
+
+    def _new_decoding(self, sheet: DataSheet) -> Decoding:
+        return super()._new_decoding(sheet)._replace(form=VELOCITY, top=self.top)
+
+    def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """See :meth:`Wrench.values`."""
+        share = (velocity + self.step_time * acceleration) / self.top
+        return np.sign(share) * np.sqrt(np.abs(share))
+
+
+class Target(Velocity):
+    """(parts, 3): pose of each part relative to the measured one, x, y and heading, reached along a braking curve.
+
+    A value ``a`` commands ``sign(a) a^2`` times 0.12 m, or 90 degrees. A part gets the acceleration that puts it on the curve
+    from which it can just stop at the target, at most at the speed of :class:`Velocity`; 0 stops it.
+
+    A target beyond a border of the surface is moved inside, to :attr:`margin` from it. This is no error, since policies that
+    explore command such targets near a border; ``info["commanded"]["moved"]`` (parts, 2) has the displacement, m, zeros for
+    targets inside.
+
+    Attributes:
+        reach: (3,) displacements and turn of an action of 1, m, m, rad.
+        margin: m, least distance of a target from the borders: twice the table's horizontal amplitude.
+    """
+
+    reach = np.array([REACH, REACH, TURN_REACH])
+
+    def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
+        return {**super().resolve_limits(sheet, worlds), "moved": self._motion.record.moved}
+
+    def _new_decoding(self, sheet: DataSheet) -> Decoding:
+        surface, strength = self.surface, strongest(self.surface, sheet)
+        # The border moves with the table, so that a centre of mass on it would be without support now and then.
+        self.margin = 2.0 * surface.horizontal_amplitude
+
+        def braking(part: Part) -> list[float]:
+            plant = plant_of(surface, [part], strength)
+            return [BRAKING * plant.push[0], BRAKING * plant.push[0], TURN_BRAKING * plant.turn_push[0]]
+
+        self._braking, last = self.parts.values(braking), np.array([surface.width, surface.depth]) - self.margin
+        velocity = super()._new_decoding(sheet)
+        return velocity._replace(form=TARGET, braking=self._braking, reach=self.reach, first=self.margin, last=last)
+
+    def live(self) -> dict[str, np.ndarray]:
+        return {**super().live(), "moved": self._motion.record.moved}
+
+    def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """See :meth:`Wrench.values`."""
+        speed, direction = _polar(velocity + self.step_time * acceleration)
+        now = _towards(velocity, direction)
+        left = np.maximum(speed**2 / (2.0 * self._braking), speed * self.step_time / APPROACH)
+        displacement = np.maximum(left + 0.5 * self.step_time * (now + speed), 0.0)
+        offset = displacement * direction / self.reach
+        return np.sign(offset) * np.sqrt(np.abs(offset))
+
+
+def _polar(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return length and direction (..., 3) of vectors (x, y), twice the same length, and of headings."""
+    length = np.abs(vector)
+    length[..., :2] = np.hypot(vector[..., 0], vector[..., 1])[..., None]
+    return length, vector / np.maximum(length, TINY)
+
+
+def _towards(velocity: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Return the components (..., 3) of velocities in these directions, as :func:`_polar` has them."""
+    along = velocity * direction
+    along[..., :2] = along[..., :2].sum(axis=-1, keepdims=True)
+    return along
+
+
+MOTIONS: dict[str, type[Wrench]] = {"wrench": Wrench, "velocity": Velocity, "target": Target}
+"""The actions of this module by name."""
+
+for _name, _action in MOTIONS.items():
+    ACTIONS.register(_name, _action)
+
+
+# -- from values to phasors -----------------------------------------------------------------------------------------------
+
+
 class Decoding(NamedTuple):
     """Meaning of the values of an action. Arrays (rows, parts, 3) have a row per world, or one for all worlds."""
 
@@ -69,9 +262,7 @@ class Decoding(NamedTuple):
     time: float  # s, of a step
     scale: np.ndarray  # (rows, parts, 3) see Wrench
     top: np.ndarray = np.zeros((0, 0, 3))  # (rows, parts, 3) see Velocity
-    braking: np.ndarray = np.zeros(
-        (0, 0, 3)
-    )  # (rows, parts, 3) deceleration at which Target brakes, m/s^2, m/s^2, rad/s^2
+    braking: np.ndarray = np.zeros((0, 0, 3))  # (rows, parts, 3) of Target, m/s^2, m/s^2, rad/s^2
     reach: np.ndarray = np.zeros(0)  # (3,) see Target
     first: float = 0.0  # m, least x and y of targets
     last: np.ndarray = np.zeros(0)  # (2,) m, largest x and y of targets
@@ -105,10 +296,28 @@ class Work(NamedTuple):
     served: np.ndarray  # (parts,) bool
 
 
+def new_work(surface: Surface, parts: Sequence[Part]) -> Work:
+    """Allocate scratch memory."""
+    pushes, served = np.zeros((len(parts), 3)), np.zeros(len(parts), dtype=bool)
+    return Work(averages.new_scratch(), new_scratch(surface, parts), np.zeros(3), np.zeros(3), pushes, served)
+
+
 DECODING: Layout[Decoding] = Layout("DECODING", __name__)
 MOTION: Layout[Motion] = Layout("MOTION", __name__)
 WORK: Layout[Work] = Layout("WORK", __name__)
 decoding_at, motion_at, work_at = DECODING.at, MOTION.at, WORK.at
+
+
+@exact
+def clipped(value):
+    """Return a float32 number of at most 1 in magnitude."""
+    return min(max(value, np.float32(-1.0)), np.float32(1.0))
+
+
+@exact
+def squared(value):
+    """Return ``sign(a) a^2`` of a clipped value ``a``: small motions are finer."""
+    return clipped(value) * abs(clipped(value))
 
 
 @jit
@@ -127,11 +336,11 @@ def approach(decoding, row, part, values, velocity, pose, wanted, moved):
     """Compute the acceleration onto the braking curve to a target, and how far the target is moved; see :func:`decode`."""
     braking, top, time = decoding.braking[row, part], decoding.top[row, part], decoding.time
     for k in range(2):
-        target = pose[k] + values[k] * abs(values[k]) * decoding.reach[k]
+        target = pose[k] + squared(values[k]) * decoding.reach[k]
         inside = min(max(target, decoding.first), decoding.last[k])
         wanted[k], moved[k] = inside - pose[k], inside - target
-    way, turn = math.hypot(wanted[0], wanted[1]), values[2] * abs(values[2]) * decoding.reach[2]
-    x, y, side = wanted[0] / max(way, TINY), wanted[1] / max(way, TINY), math.copysign(1.0, turn)
+    way, turn = math.hypot(wanted[0], wanted[1]), squared(values[2]) * decoding.reach[2]
+    x, y, side = wanted[0] / max(way, TINY), wanted[1] / max(way, TINY), turn / max(abs(turn), TINY)
     speed = brake(way, velocity[0] * x + velocity[1] * y, braking[0], top[0], time)
     spin = brake(abs(turn), velocity[2] * side, braking[2], top[2], time)
     wanted[0], wanted[1] = (speed * x - velocity[0]) / time, (speed * y - velocity[1]) / time
@@ -153,10 +362,10 @@ def decode(decoding, row, part, values, velocity, pose, wanted, moved):
     """
     if decoding.form == WRENCH:
         for k in range(3):
-            wanted[k] = values[k] * decoding.scale[row, part, k]
+            wanted[k] = clipped(values[k]) * decoding.scale[row, part, k]
     elif decoding.form == VELOCITY:
         for k in range(3):
-            wanted[k] = (values[k] * abs(values[k]) * decoding.top[row, part, k] - velocity[k]) / decoding.time
+            wanted[k] = (squared(values[k]) * decoding.top[row, part, k] - velocity[k]) / decoding.time
     elif decoding.form == TARGET:
         approach(decoding, row, part, values, velocity, pose, wanted, moved)
 
@@ -199,195 +408,3 @@ def command_worlds(start, stop, work, motion, values, pose, mean_velocity, gone)
             if reason != SERVED:
                 given[:] = 0.0
         allocate_world(motion.problem, w, pose[w], work.served, work.push, work.allocation, motion.phasors[w], True)
-
-
-class Wrench(Action):
-    """(parts, 3): mean acceleration of each part, x, y and angular, allocated to the elements under it.
-
-    1 is the acceleration of a part at rest by all elements at full amplitude: ``mu a_v w^2 / 2`` (2.9 m/s^2 on the prototype
-    with mu 0.58), divided by the radius of gyration for the third. Friction drag at the measured velocity is compensated
-    (:mod:`vibgym.allocation.frictional`), so zeros keep the velocity. Commands beyond the actuator limits are scaled down.
-    Parts that share elements are allocated together (:mod:`vibgym.allocation.allocator`), within dead zone and limit of the
-    data sheet.
-
-    Elements rest under a part without an allocation; ``info["commanded"]["unserved"]`` (parts,) gives the reason as an index
-    of :data:`REASONS`. A subclass excludes parts by :meth:`left_out`.
-
-    Attributes:
-        allocator: :class:`vibgym.allocation.Allocator` of the scene.
-        scale: (worlds, parts, 3), or one row for all worlds: accelerations of an action of 1, m/s^2, m/s^2, rad/s^2.
-
-    Raises:
-        ValueError: a part that can stick to the surface, where averages over a period do not hold.
-    """
-
-    by_part = True
-
-    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
-        super().__init__(surface, parts)
-        self.shape = (len(self.parts), 3)
-        self.scale = self.parts.values(self._full_push)
-
-    def _full_push(self, part: Part) -> list[float]:
-        """Return accelerations by all elements at full amplitude, m/s^2, m/s^2, rad/s^2."""
-        push = 0.5 * reached([part])[0] * part.friction * self.full_scale
-        return [push, push, push / math.sqrt(part.gyration)]
-
-    def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
-        surface, shape, own = self.surface, (worlds, len(self.parts)), type(self)
-        self.allocator = Allocator(surface, self.parts, sheet)
-        process = FrictionalInverse(surface, self.parts, limit=sheet.limit, ahead=0.5 * surface.period)
-        phasors = np.zeros((worlds, 2 * surface.rows * surface.columns), dtype=np.float32)
-        self._phasors = phasor_drive(phasors, surface.columns, self.full_scale)
-        self._decoding = Pinned(DECODING, self._meaning(sheet))
-        decoding = self._decoding.record
-        self._accelerates = own.acceleration is not Wrench.acceleration
-        self._leaves_out = own.left_out is not Wrench.left_out
-        self._motion = Pinned(MOTION, Motion(
-            decoding._replace(form=CUSTOM) if self._accelerates else decoding, process.parameters, self.allocator.problem,
-            surface.width, surface.depth, lag=0.5 * surface.period,
-            wanted=np.zeros((*shape, 3)), left_out=np.zeros(shape, dtype=bool), given=np.zeros((*shape, 3)),
-            unserved=np.zeros(shape, dtype=np.int64), moved=np.zeros((*shape, 2)), phasors=phasors,
-        ))  # fmt: skip
-        cost = len(self.parts) * (DEAD_ZONE_COST if self.allocator.least > 0.0 else PART_COST)
-        self._blocks = workers.Blocks(worlds, workers.available_threads(), cost)
-        self._works = [Pinned(WORK, new_work(surface, self.parts)) for _ in self._blocks.edges]
-        return {"unserved": self._motion.record.unserved}
-
-    def _meaning(self, sheet: DataSheet) -> Decoding:
-        return Decoding(WRENCH, self.step_time, self.scale)
-
-    def left_out(self, measurement: Measurement) -> np.ndarray:
-        """Return the parts (worlds, parts) bool that are excluded from the allocation; by default none."""
-        return self._motion.record.left_out
-
-    def acceleration(self, values: np.ndarray, velocity: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """Return the wanted mean accelerations (worlds, parts, 3) in the step, m/s^2 and rad/s^2.
-
-        Args:
-            values: (worlds, parts, 3) of the action.
-            velocity: (worlds, parts, 3) at the start of the step, m/s and rad/s.
-            pose: (worlds, parts, 3) measured, m, m, rad.
-        """
-        values, wanted = np.ascontiguousarray(values, dtype=np.float32), np.empty(velocity.shape)
-        velocity, pose = np.ascontiguousarray(velocity), np.ascontiguousarray(pose)
-        decode_batch(self._decoding.address, values, velocity, pose, wanted, np.empty(2))
-        return wanted
-
-    def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Return the action, not clipped, whose wanted accelerations these are: the inverse of :meth:`acceleration`."""
-        return acceleration / self.scale
-
-    def live(self) -> dict[str, np.ndarray]:
-        return {"given": self._motion.record.given, "unserved": self._motion.record.unserved}
-
-    def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        motion, measured = self._motion, measurement[:3]
-        pose, mean_velocity, _ = measured
-        if self._accelerates:
-            velocity = mean_velocity + motion.record.lag * motion.record.given
-            motion.record.wanted[...] = self.acceleration(values.reshape(-1, *self.shape), velocity, pose)
-        if self._leaves_out:
-            motion.record.left_out[...] = self.left_out(measurement)
-        edges, works = self._blocks.edges, self._works
-        self._blocks.run(lambda k: command_worlds(*edges[k], works[k].address, motion.address, values, *measured))
-        return self._phasors
-
-
-def new_work(surface: Surface, parts: Sequence[Part]) -> Work:
-    """Allocate scratch memory."""
-    pushes, served = np.zeros((len(parts), 3)), np.zeros(len(parts), dtype=bool)
-    return Work(averages.new_scratch(), new_scratch(surface, parts), np.zeros(3), np.zeros(3), pushes, served)
-
-
-class Velocity(Wrench):
-    """(parts, 3): mean velocity of each part at the end of the step, x, y and spin, allocated to the elements under it.
-
-    A value ``a`` commands ``sign(a) a^2`` times :attr:`top`: 5/6 of the table's speed (0.35 m/s on the prototype, above the
-    speed that parts reach), divided by the radius of gyration for the third. The square makes small velocities finer; 0 stops
-    a part. The acceleration is that of :class:`Wrench` which changes the measured velocity to the commanded one within the
-    step, as far as actuator limits permit.
-
-    Attributes:
-        top: (worlds, parts, 3), or one row for all worlds: velocities of an action of 1, m/s, m/s, rad/s.
-    """
-
-    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
-        super().__init__(surface, parts)
-        speed = TOP_SHARE * surface.table_speed
-        self.top = self.parts.values(lambda part: [speed, speed, speed / math.sqrt(part.gyration)])
-
-    def _meaning(self, sheet: DataSheet) -> Decoding:
-        return super()._meaning(sheet)._replace(form=VELOCITY, top=self.top)
-
-    def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """See :meth:`Wrench.values`."""
-        share = (velocity + self.step_time * acceleration) / self.top
-        return np.sign(share) * np.sqrt(np.abs(share))
-
-
-class Target(Velocity):
-    """(parts, 3): pose of each part relative to the measured one, x, y and heading, reached along a braking curve.
-
-    A value ``a`` commands ``sign(a) a^2`` times 0.12 m, or 90 degrees. A part gets the acceleration that puts it on the curve
-    from which it can just stop at the target, at most at the speed of :class:`Velocity`; 0 stops it.
-
-    A target beyond a border of the surface is moved inside, to :attr:`margin` from it. This is no error, since policies that
-    explore command such targets near a border; ``info["commanded"]["moved"]`` (parts, 2) has the displacement, m, zeros for
-    targets inside.
-
-    Attributes:
-        reach: (3,) displacements and turn of an action of 1, m, m, rad.
-        margin: m, least distance of a target from the borders: twice the table's horizontal amplitude.
-    """
-
-    reach = np.array([REACH, REACH, TURN_REACH])
-
-    def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
-        return {**super().resolve_limits(sheet, worlds), "moved": self._motion.record.moved}
-
-    def _meaning(self, sheet: DataSheet) -> Decoding:
-        surface, strength = self.surface, strongest(self.surface, sheet)
-        # The border moves with the table, so that a centre of mass on it would be without support now and then.
-        self.margin = 2.0 * surface.horizontal_amplitude
-
-        def braking(part: Part) -> list[float]:
-            plant = plant_of(surface, [part], strength)
-            return [BRAKING * plant.push[0], BRAKING * plant.push[0], TURN_BRAKING * plant.turn_push[0]]
-
-        self._braking, last = self.parts.values(braking), np.array([surface.width, surface.depth]) - self.margin
-        velocity = super()._meaning(sheet)
-        return velocity._replace(form=TARGET, braking=self._braking, reach=self.reach, first=self.margin, last=last)
-
-    def live(self) -> dict[str, np.ndarray]:
-        return {**super().live(), "moved": self._motion.record.moved}
-
-    def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """See :meth:`Wrench.values`."""
-        speed, direction = _polar(velocity + self.step_time * acceleration)
-        now = _towards(velocity, direction)
-        left = np.maximum(speed**2 / (2.0 * self._braking), speed * self.step_time / APPROACH)
-        displacement = np.maximum(left + 0.5 * self.step_time * (now + speed), 0.0)
-        offset = displacement * direction / self.reach
-        return np.sign(offset) * np.sqrt(np.abs(offset))
-
-
-def _polar(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return length and direction (..., 3) of vectors (x, y), twice the same length, and of headings."""
-    length = np.abs(vector)
-    length[..., :2] = np.hypot(vector[..., 0], vector[..., 1])[..., None]
-    return length, vector / np.maximum(length, TINY)
-
-
-def _towards(velocity: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Return the components (..., 3) of velocities in these directions, as :func:`_polar` has them."""
-    along = velocity * direction
-    along[..., :2] = along[..., :2].sum(axis=-1, keepdims=True)
-    return along
-
-
-MOTIONS: dict[str, type[Wrench]] = {"wrench": Wrench, "velocity": Velocity, "target": Target}
-"""The actions of this module by name."""
-
-for _name, _action in MOTIONS.items():
-    ACTIONS.register(_name, _action)

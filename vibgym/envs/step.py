@@ -67,6 +67,9 @@ class Pipeline:
         self.report: Any = None
         self.observations: Any = None
         self.measurement = core.sensing.measurement  # its arrays are live
+        self._aim = self.measurement  # of the action
+        if not core.all_driven:
+            self._aim = self.measurement._replace(gone=np.zeros_like(self.measurement.gone))
         # A subclass of an observation that kernels write may override observe().
         observation = core.observation
         by_rows = isinstance(observation, RowObservation) and type(observation).observe is RowObservation.observe
@@ -137,10 +140,9 @@ class Pipeline:
             finite = all_finite_in_blocks(values, core.simulator.blocks)
         if not finite:
             raise core.action.not_finite(batch.action if batch.original is None else batch.original)
-        measurement = self.measurement
         if not core.all_driven:
-            measurement = measurement._replace(gone=measurement.gone | ~core.task.driven)
-        batch.command = core.action.command(values, measurement)
+            np.logical_or(self.measurement.gone, ~core.task.driven, out=self._aim.gone)
+        batch.command = core.action.command(values, self._aim)
 
     def allocate(self, batch: Batch | None = None) -> None:
         """Allocate a new batch of observations and reports; returned arrays are never overwritten."""
