@@ -132,7 +132,7 @@ def start_table(size: float) -> np.ndarray:
     k = np.arange(STARTS * SLOTS, dtype=np.float64).reshape(STARTS, SLOTS).T
     # Kronecker's sequence; powers of the plastic number fill the square evenly (M. Roberts 2018).
     radius, turn = size * np.sqrt(k * 0.7548776662466927 % 1.0), 2.0 * math.pi * (k * 0.5698402909980532 % 1.0)
-    table = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+    table = np.ascontiguousarray(np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1))
     table[..., 0] = 0.0
     return table
 
