@@ -19,8 +19,10 @@ import gymnasium
 import numpy as np
 
 from vibgym import Part, Simulator, Surface, make_policy
+from vibgym.actuators import DataSheet
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.bounds import TimeBound
+from vibgym.envs import Velocity
 from vibgym.envs.actions import all_finite
 from vibgym.physics.core.drive import all_phasors, polar_drive
 from vibgym.policies import TaskInfo, rollout
@@ -71,10 +73,13 @@ def disturbances() -> None:
 
 
 def allocation() -> None:
-    """Compute drives for an acceleration, and back."""
+    """Compute pushes for an acceleration and back, and the accelerations that an action means."""
     friction, one = FrictionalInverse(Surface(), BLOCKS[0]), np.zeros((1, 1, 3))
     friction.push(one, one)
     friction.acceleration(one, one)
+    action = Velocity(Surface(), BLOCKS[:1])
+    action.resolve_limits(DataSheet(Surface().lift_off_amplitude), 1)
+    action.acceleration(one, one, one)
 
 
 def bounds() -> None:
