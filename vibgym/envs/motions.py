@@ -71,7 +71,7 @@ class Wrench(Action):
     data sheet.
 
     Elements rest under a part without an allocation; ``info["commanded"]["unserved"]`` (parts,) gives the reason as an index
-    of :data:`REASONS`. A subclass excludes parts by :meth:`left_out`.
+    of :data:`REASONS`. A subclass may exclude parts by :meth:`left_out`, and override :meth:`acceleration`.
 
     Attributes:
         allocator: :class:`vibgym.allocation.Allocator` of the scene.
@@ -121,12 +121,10 @@ class Wrench(Action):
 
     def left_out(self, measurement: Measurement) -> np.ndarray:
         """Return the parts (worlds, parts) bool that are excluded from the allocation; by default none."""
-        return self._motion.record.left_out
+        return np.zeros_like(measurement.gone)
 
     def acceleration(self, values: np.ndarray, velocity: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Return the wanted mean accelerations (worlds, parts, 3) in the step, m/s^2 and rad/s^2.
-
-        A subclass may override it; then it is called in every step.
 
         Args:
             values: (worlds, parts, 3) of the action, in [-1, 1].
@@ -146,16 +144,14 @@ class Wrench(Action):
         return {"given": self._motion.record.given, "unserved": self._motion.record.unserved}
 
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        motion, measured = self._motion, measurement[:3]
-        pose, mean_velocity, _ = measured
+        motion, address, edges, works = self._motion.record, self._motion.address, self._blocks.edges, self._works
+        pose, mean_velocity, gone = measured = measurement[:3]
         if self._custom_acceleration:
-            velocity = mean_velocity + motion.record.lag * motion.record.given
-            clipped_values = np.clip(values, -1.0, 1.0).reshape(-1, *self.shape)
-            motion.record.wanted[...] = self.acceleration(clipped_values, velocity, pose)
+            velocity, shape = mean_velocity + motion.lag * motion.given, (len(gone), *self.shape)
+            motion.wanted[...] = self.acceleration(np.clip(values, -1.0, 1.0).reshape(shape), velocity, pose)
         if self._custom_left_out:
-            motion.record.left_out[...] = self.left_out(measurement)
-        edges, works = self._blocks.edges, self._works
-        self._blocks.run(lambda k: command_worlds(*edges[k], works[k].address, motion.address, values, *measured))
+            motion.left_out[...] = self.left_out(measurement)
+        self._blocks.run(lambda k: command_worlds(*edges[k], works[k].address, address, values, *measured))
         return self._phasors
 
 
@@ -402,8 +398,12 @@ def command_worlds(start, stop, work, motion, values, pose, mean_velocity, gone)
                 decode(decoding, row, p, values[w, 3 * p : 3 * p + 3], velocity, at, wanted, moved)
                 kind, push = process.kind[row, p], work.push[p]
                 holds = invert_ahead(process, kind, velocity, wanted, work.averages, work.later, push, given)
-                outside = at[0] < 0.0 or at[1] < 0.0 or at[0] > motion.width or at[1] > motion.depth
-                reason = BESIDE if outside else STICKS if not holds else LEFT_OUT if motion.left_out[w, p] else SERVED
+                if at[0] < 0.0 or at[1] < 0.0 or at[0] > motion.width or at[1] > motion.depth:
+                    reason = BESIDE
+                elif not holds:
+                    reason = STICKS
+                else:
+                    reason = LEFT_OUT if motion.left_out[w, p] else SERVED
             motion.unserved[w, p], work.served[p] = reason, reason == SERVED
             if reason != SERVED:
                 given[:] = 0.0
