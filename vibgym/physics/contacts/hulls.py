@@ -83,6 +83,42 @@ def place_hulls(hulls, part, x, y, heading, placed):
         placed[k, 3] = sine * nx + cosine * ny
 
 
+KEPT_OVERLAP = 2e-4
+"""m, overlap up to which a face remains the separating feature of two hulls."""
+
+
+@jit
+def face_along(placed, hull, nx, ny):
+    """Return the first corner of the face that is most normal to a vector, of corners ``hull[0]`` to before ``hull[1]``."""
+    best, at = -math.inf, hull[0]
+    for k in range(hull[0], hull[1]):
+        along = nx * placed[k, 2] + ny * placed[k, 3]
+        if along > best:
+            best, at = along, k
+    return at
+
+
+@jit
+def face_gap(placed, hull, i, other):
+    """Return the gap between a face and another hull, and whether the nearest corner is opposite the face.
+
+    Then it is the gap between the hulls if they are separated. If they overlap by little, the face is where they touched.
+
+    Args:
+        hull, other: first corner of each, and the one after the last.
+        i: first corner of the face.
+    """
+    nx, ny, reach, nearest = placed[i, 2], placed[i, 3], math.inf, other[0]
+    for j in range(other[0], other[1]):
+        along = nx * (placed[j, 0] - placed[i, 0]) + ny * (placed[j, 1] - placed[i, 1])
+        if along < reach:
+            reach, nearest = along, j
+    after = i + 1 if i + 1 < hull[1] else hull[0]
+    at = nx * (placed[nearest, 1] - placed[i, 1]) - ny * (placed[nearest, 0] - placed[i, 0])
+    end = nx * (placed[after, 1] - placed[i, 1]) - ny * (placed[after, 0] - placed[i, 0])
+    return reach, 0.0 <= at <= end and reach > -KEPT_OVERLAP
+
+
 @jit
 def hull_contact(hulls, placed, a, b):
     """Return the gap between two placed hulls (m, negative: overlap), the unit normal from ``a`` to ``b``, and its owner.
@@ -128,6 +164,33 @@ def hull_contact(hulls, placed, a, b):
         elif a1 - a0 == 1 and b1 - b0 == 1:
             best = 0.0
     return best - hulls.rounding[a] - hulls.rounding[b], nx, ny, owner
+
+
+@jit
+def kept_contact(hulls, placed, a, b, feature):
+    """Return :func:`hull_contact`, if possible from the face that separated the hulls before.
+
+    Args:
+        feature: (2,) first corner of the face of ``a`` and of that of ``b`` towards the other hull, -1: none; updated.
+    """
+    one, other = (hulls.first[a], hulls.first[a + 1]), (hulls.first[b], hulls.first[b + 1])
+    rounding, i, j = hulls.rounding[a] + hulls.rounding[b], feature[0], feature[1]
+    if i >= 0:
+        gap, opposite = face_gap(placed, one, i, other)
+        if opposite:
+            return gap - rounding, placed[i, 2], placed[i, 3], A_FACE
+    if j >= 0:
+        gap, opposite = face_gap(placed, other, j, one)
+        if opposite:
+            return gap - rounding, -placed[j, 2], -placed[j, 3], B_FACE
+    gap, nx, ny, owner = hull_contact(hulls, placed, a, b)
+    feature[0] = feature[1] = -1
+    if owner != CORNERS:
+        if one[1] - one[0] > 1:
+            feature[0] = face_along(placed, one, nx, ny)
+        if other[1] - other[0] > 1:
+            feature[1] = face_along(placed, other, -nx, -ny)
+    return gap, nx, ny, owner
 
 
 @jit

@@ -19,10 +19,12 @@ from vibgym.kernels.jit import jit
 
 NX, NY, ARM_I, ARM_J, LEVER_I, LEVER_J, NORMAL_MASS, TANGENT_MASS = 0, 1, 2, 3, 4, 5, 6, 7
 ALLOWED, FRICTION, GAP, NORMAL, TANGENTIAL, RESTITUTION, TIME, MOVED, SLID = 8, 9, 10, 11, 12, 13, 14, 15, 16
-FIELDS = 17
+KICK, KICK_ALONG, CROSS, NORMAL_MOBILITY, TANGENT_MOBILITY = 17, 18, 19, 20, 21
+FIELDS = 22
 """Columns of a point: normal; lever arms of both bodies for normal and tangential impulses (m); effective masses (kg); allowed
 closing speed (m/s); coefficient of friction; gap (m); impulses (N s); restitution, 0 at points that rest; time for which the
-impulses have moved the bodies (s); impulses times time (kg m)."""
+impulses have moved the bodies (s); impulses times time (kg m); normal and tangential impulse that were applied at the step's
+start (N s); changes of the velocities by unit impulses: of slip by a normal one, of normal velocity, of slip (1/kg)."""
 
 STILL_SPEED, STILL_MOVE = 1e-3, 2e-5
 """Largest change (m/s; m) in an iteration at which it ends."""
@@ -144,13 +146,14 @@ def add_point(points, n, i, j, nx, ny, at_i, at_j, gap, friction, restitution, h
     value[ARM_I], value[ARM_J] = at_i[0] * ny - at_i[1] * nx, at_j[0] * ny - at_j[1] * nx
     value[LEVER_I], value[LEVER_J] = at_i[0] * nx + at_i[1] * ny, at_j[0] * nx + at_j[1] * ny
     mass = inverse[i, 0] + inverse[j, 0]
-    value[NORMAL_MASS] = 1.0 / (
-        mass + inverse[i, 1] * value[ARM_I] * value[ARM_I] + inverse[j, 1] * value[ARM_J] * value[ARM_J]
-    )
-    value[TANGENT_MASS] = 1.0 / (
+    arm, lever = inverse[i, 1] * value[ARM_I], inverse[j, 1] * value[ARM_J]
+    value[NORMAL_MOBILITY] = mass + arm * value[ARM_I] + lever * value[ARM_J]
+    value[CROSS] = arm * value[LEVER_I] + lever * value[LEVER_J]
+    value[TANGENT_MOBILITY] = (
         mass + inverse[i, 1] * value[LEVER_I] * value[LEVER_I] + inverse[j, 1] * value[LEVER_J] * value[LEVER_J]
     )
-    value[NORMAL] = value[TANGENTIAL] = 0.0
+    value[NORMAL_MASS], value[TANGENT_MASS] = 1.0 / value[NORMAL_MOBILITY], 1.0 / value[TANGENT_MOBILITY]
+    value[NORMAL] = value[TANGENTIAL] = value[KICK] = value[KICK_ALONG] = 0.0
     closing = -normal_speed(value, points.velocity, i, j)
     # Friction accelerates parts that rest against each other in every step: only those that approached at its start rebound.
     impact = normal_speed(value, points.before, i, j) < -RESTING and closing > 0.0
@@ -200,23 +203,28 @@ def rounds_needed(parts, ratio):
 
 @jit
 def iterate(points, n, rounds, still):
-    """Iterate over the velocities of all points until they change by less than ``still`` m/s, at most ``rounds`` times."""
+    """Iterate over the velocities of all points until they change by less than ``still`` m/s, at most ``rounds`` times.
+
+    The sums of the impulses and of those at the step's start press and are within the cone of friction.
+    """
     velocity, inverse = points.velocity, points.inverse
     for _ in range(rounds):
         most = 0.0
         for k in range(n):
             value, i, j = points.value[k], points.body[k, 0], points.body[k, 1]
-            old = value[NORMAL]
-            new = max(old - (normal_speed(value, velocity, i, j) + value[ALLOWED]) * value[NORMAL_MASS], 0.0)
-            limit, earlier = value[FRICTION] * new, value[TANGENTIAL]
-            if new == 0.0 and old == 0.0:
+            speed, slip = normal_speed(value, velocity, i, j), slip_speed(value, velocity, i, j)
+            old, earlier, kick, kick_along = value[NORMAL], value[TANGENTIAL], value[KICK], value[KICK_ALONG]
+            new = max(old - (speed + value[ALLOWED]) * value[NORMAL_MASS], -kick)
+            if new == -kick and old == new and earlier == -kick_along:
                 continue
-            apply(value, inverse, velocity, i, j, new - old, 0.0)
-            later = earlier - slip_speed(value, velocity, i, j) * value[TANGENT_MASS]
-            later = min(max(later, -limit), limit)
-            apply(value, inverse, velocity, i, j, 0.0, later - earlier)
+            normal = new - old  # which also changes the slip
+            limit = value[FRICTION] * (new + kick)
+            later = earlier - (slip + normal * value[CROSS]) * value[TANGENT_MASS]
+            later = min(max(later, -limit - kick_along), limit - kick_along)
+            tangential = later - earlier
             value[NORMAL], value[TANGENTIAL] = new, later
-            most = max(most, abs(new - old) / value[NORMAL_MASS], abs(later - earlier) / value[TANGENT_MASS])
+            apply(value, inverse, velocity, i, j, normal, tangential)
+            most = max(most, abs(normal) * value[NORMAL_MOBILITY], abs(tangential) * value[TANGENT_MOBILITY])
         if most < still:
             break
 

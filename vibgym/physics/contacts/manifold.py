@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 from vibgym.kernels.jit import jit
-from vibgym.physics.contacts.hulls import CORNERS, gap_along, hull_contact, wall_direction
+from vibgym.physics.contacts.hulls import CORNERS, face_along, gap_along, hull_contact, wall_direction
 
 
 class Manifold(NamedTuple):
@@ -35,20 +35,9 @@ def no_contact():
 
 
 @jit
-def edge_along(hulls, placed, a, nx, ny):
-    """Return the first corner of the edge of a hull whose outward normal is closest to ``(nx, ny)``."""
-    best, at = -math.inf, hulls.first[a]
-    for k in range(hulls.first[a], hulls.first[a + 1]):
-        along = nx * placed[k, 2] + ny * placed[k, 3]
-        if along > best:
-            best, at = along, k
-    return at
-
-
-@jit
 def edge_ends(hulls, placed, a, nx, ny):
     """Return the ends x, y, x, y of the edge of a hull along ``(nx, ny)``, on its rounded outline."""
-    at = edge_along(hulls, placed, a, nx, ny)
+    at = face_along(placed, (hulls.first[a], hulls.first[a + 1]), nx, ny)
     after = at + 1 if at + 1 < hulls.first[a + 1] else hulls.first[a]
     dx, dy = hulls.rounding[a] * nx, hulls.rounding[a] * ny
     return placed[at, 0] + dx, placed[at, 1] + dy, placed[after, 0] + dx, placed[after, 1] + dy

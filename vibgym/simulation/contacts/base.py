@@ -25,7 +25,7 @@ from vibgym.simulation.alone import Alone
 from vibgym.simulation.model import NO_PATHS, Setup
 from vibgym.simulation.schemes import MAX_STEPS, PlanarSettings, schemes_alone
 
-SLOP = 3e-5
+SLOP = 4e-6
 """m, overlap that the solver does not correct, so that contacts persist and it can warm-start."""
 
 MIN_WIDTH = 1e-4

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from vibgym.kernels.jit import jit
 from vibgym.kernels.vector import LANES
-from vibgym.physics.contacts.hulls import A_FACE, B_FACE, hull_contact, moved_support, place_hulls, wall_direction
+from vibgym.physics.contacts.hulls import A_FACE, B_FACE, kept_contact, moved_support, place_hulls, wall_direction
 from vibgym.physics.contacts.impulses import RESTING
 from vibgym.physics.core.records import friction_in, incline_size, kind_in
 
@@ -41,10 +41,12 @@ def part_motion(workspace, slot):
 
 @jit
 def friction_bound(island, slot):
-    """Return an upper bound on the relative acceleration by friction of a part, m/s^2."""
+    """Return an upper bound on the acceleration of a part by friction, relative to the table's, and by contacts, m/s^2."""
     scene = island.scene
-    friction = friction_in(scene.bodies, scene.state, island.world, scene.workspace.part[slot])
-    return 2.0 * friction * scene.table.gravity
+    part, push = scene.workspace.part[slot], island.solver.push[slot]
+    friction = friction_in(scene.bodies, scene.state, island.world, part)
+    contact = math.sqrt(push[0] * push[0] + push[1] * push[1]) + island.hulls.radius[part] * abs(push[2])
+    return 2.0 * friction * scene.table.gravity + contact
 
 
 @jit
@@ -161,11 +163,13 @@ def advance_to_part(island, approach, shortest, pair, i, j):
     place_slot(island, j)
     approach = Approach(h, approach.touching, approach.impact, math.inf)
     arm_i, arm_j, away = arm_of(hulls, one), arm_of(hulls, other), distance + speed * h
-    relative = (sj - si) * (sj - si)
+    relative, contacts, combination = (sj - si) * (sj - si), island.contacts, 0
     for a in range(hulls.owner[one], hulls.owner[one + 1]):
         for b in range(hulls.owner[other], hulls.owner[other + 1]):
             h = approach.h
-            gap, nx, ny, owner = hull_contact(hulls, placed, a, b)
+            feature = contacts.feature[contacts.first_feature[pair] + combination]
+            gap, nx, ny, owner = kept_contact(hulls, placed, a, b, feature)
+            combination += 1
             # The normal of an edge rotates with its part. In the part's frame only the other hull moves, on a curve: by its
             # rotation relative to the edge, and by centrifugal and Coriolis acceleration.
             if owner == A_FACE:

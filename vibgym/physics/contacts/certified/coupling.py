@@ -1,9 +1,9 @@
 """Parts in contact: friction with the table coupled to a contact solver within the period.
 
-Each coupling step moves the parts by friction alone, then corrects velocities by the contact impulses and positions by the
-overlap. The solver only detects contacts of outlines that overlap, so conservative advancement limits the step such that
-overlaps stay small. Fast parts therefore meet at the right time and place and cannot pass through each other; parts that rest
-against each other need no short steps. Steps in which nothing can touch skip the solver.
+Each coupling step moves the parts by friction alone, between two halves of the contact impulses, and corrects the poses
+(:mod:`vibgym.physics.contacts.certified.solver`). The solver only detects contacts of outlines that overlap, so conservative
+advancement limits the step such that overlaps stay small. Fast parts therefore meet at the right time and place and cannot pass
+through each other; parts that rest against each other need no short steps. Steps in which nothing can touch skip the solver.
 
 The parts of an island advance together, independently of all others. The solver starts each island's period from poses and
 velocities alone, so that a state consists of these and results do not depend on its history.
@@ -28,8 +28,15 @@ from vibgym.physics.contacts.broad_phase import (
     travel_bound,
 )
 from vibgym.physics.contacts.certified.approach import conservative_step, invalidate_placement
-from vibgym.physics.contacts.certified.impact import CONTACT_FROM, resolve_impacts
-from vibgym.physics.contacts.certified.solver import Solver, begin_contacts, clear_impulses, find_contacts, solve
+from vibgym.physics.contacts.certified.impact import CONTACT_FROM, clear_hits, resolve_impacts
+from vibgym.physics.contacts.certified.solver import (
+    Solver,
+    begin_contacts,
+    discard_forces,
+    find_contacts,
+    kick,
+    solve,
+)
 from vibgym.physics.contacts.hulls import Hulls
 from vibgym.physics.contacts.impulses import HIT_SPEED, ImpactProperties
 from vibgym.physics.core.records import friction_in, incline_size
@@ -49,6 +56,7 @@ class Contacts(NamedTuple):
     placed: np.ndarray  # (corners, 4)
     fresh: np.ndarray  # (slots,) bool: ``placed`` is up to date
     step_start: np.ndarray  # (slots, 3) poses at the step's start
+    start_velocity: np.ndarray  # (slots, 3) velocities then
     pushed: np.ndarray  # (slots, 2) m/s, change of velocity by contacts since the period began
     speed: np.ndarray  # (slots, 3) velocities at the last update of ``pairs``
     travelled: np.ndarray  # (slots,) m, bound on the distance travelled by any point since the period's start
@@ -59,6 +67,8 @@ class Contacts(NamedTuple):
     pairs: np.ndarray  # (pairs, 2) slot and slot, or slot and ``-1 - wall``, ordered
     row: np.ndarray  # (slots + 1,) index of each slot's first pair
     separation: np.ndarray  # (pairs,) m, gap at the last test, plus ``travelled`` of both at that time
+    first_feature: np.ndarray  # (pairs,) index of each pair's first row of ``feature``
+    feature: np.ndarray  # (pairs of hulls, 2) see :func:`vibgym.physics.contacts.hulls.kept_contact`
     close: np.ndarray  # (pairs,) bool: may touch in this step
     impact: np.ndarray  # (pairs,) bool: may touch, and approach faster than parts at rest against each other
     hit: np.ndarray  # (slots,) bool: in an impact of this step
@@ -72,6 +82,7 @@ def new_contacts(parts: int, hulls: Hulls) -> Contacts:
         placed=np.zeros(hulls.corner.shape),
         fresh=np.zeros(parts, np.bool_),
         step_start=np.zeros((parts, 3)),
+        start_velocity=np.zeros((parts, 3)),
         pushed=np.zeros((parts, 2)),
         speed=np.zeros((parts, 3)),
         travelled=np.zeros(parts),
@@ -82,6 +93,8 @@ def new_contacts(parts: int, hulls: Hulls) -> Contacts:
         pairs=np.empty((capacity, 2), np.int64),
         row=np.zeros(parts + 1, np.int64),
         separation=np.empty(capacity),
+        first_feature=np.zeros(capacity, np.int64),
+        feature=np.full((pair_capacity(len(hulls.rounding)), 2), -1),
         close=np.zeros(capacity, np.bool_),
         impact=np.zeros(capacity, np.bool_),
         hit=np.zeros(parts, np.bool_),
@@ -133,9 +146,13 @@ class Island(NamedTuple):
 
 
 @jit
-def order_pairs(contacts, parts, n):
-    """Sort the ``n`` pairs of ``contacts.found`` by slots, walls last, into ``contacts.pairs``."""
-    near, pairs, row = contacts.found, contacts.pairs, contacts.row
+def order_pairs(contacts, hulls, part, parts, n):
+    """Sort the ``n`` pairs of ``contacts.found`` by slots, walls last, into ``contacts.pairs``; nothing is known of them.
+
+    Args:
+        part: (slots,) index of the part in each of the first ``parts`` slots.
+    """
+    near, pairs, row, features = contacts.found, contacts.pairs, contacts.row, 0
     for slot in range(parts + 1):
         row[slot] = 0
     for k in range(n):
@@ -160,7 +177,12 @@ def order_pairs(contacts, parts, n):
                 at -= 1
             pairs[at, 1] = j
     for k in range(n):
-        contacts.separation[k] = -math.inf
+        contacts.separation[k], contacts.first_feature[k] = -math.inf, features
+        one, other = part[pairs[k, 0]], part[max(pairs[k, 1], 0)]
+        if pairs[k, 1] >= 0:
+            features += (hulls.owner[one + 1] - hulls.owner[one]) * (hulls.owner[other + 1] - hulls.owner[other])
+    for k in range(features):
+        contacts.feature[k, 0] = contacts.feature[k, 1] = -1
 
 
 @jit
@@ -181,7 +203,7 @@ def update_pairs(island):
             circles.reach[count] = island.hulls.radius[part] + way + 1.5 * REFRESH_SPEED * scene.table.period
             count += 1
     n = near_pairs(scene.table, island.walls, circles, count, contacts.found)
-    order_pairs(contacts, island.parts, n)
+    order_pairs(contacts, island.hulls, workspace.part, island.parts, n)
     return n
 
 
@@ -257,43 +279,44 @@ def add_contact_velocity(island, sign):
 
 @jit
 def coupling_step(island, n, h, phase, first):
-    """Take a coupling step: friction alone, then contacts.
+    """Take a coupling step: half of the impulses of contacts, friction, and the other half.
 
     Args:
         n: number of near pairs in ``contacts.pairs``.
         h: result of :func:`vibgym.physics.contacts.certified.approach.conservative_step`.
         phase: w t at the start.
-        first: whether the solver has not been called in this period.
+        first: whether no parts have touched in this period.
 
     Returns:
-        Whether the solver was called, whether any part must be cut again, and the new number of near pairs.
+        Whether any parts touch, whether any must be cut again, and the new number of near pairs.
     """
     scene, contacts = island.scene, island.contacts
+    for slot in range(island.parts):
+        for k in range(3):
+            contacts.start_velocity[slot, k] = scene.workspace.velocity[slot // LANES, k * LANES + slot % LANES]
+    kick(island, 0.5 * h.h)
     apply_friction(scene, reference(friction_step(scene, phase, h.h)))
+    kick(island, -0.5 * h.h)  # back, since the contacts may have ended
     invalidate_placement(island)
-    called, stale = False, False
+    touching, stale = False, False
+    clear_hits(island)
     if h.touching:
-        pairs = contacts.pairs
-        count, gap = find_contacts(island, pairs, n, h.h)
+        count, gap = find_contacts(island, contacts.pairs, n, h.h)
         contacts.deepest[0] = min(contacts.deepest[0], gap)
-        if gap < -CONTACT_FROM:
-            undo = gap < -island.slop
+        if count > 0:
             add_contact_velocity(island, -1.0)
-            if h.impact:
-                hit, stale = resolve_impacts(island, pairs, n, HIT_SPEED)
-                if hit:
-                    clear_impulses(island, contacts.hit)
-            stale = solve(island, count, h.h, undo) or stale
-            called = True
+            hit = h.impact and gap < -CONTACT_FROM and resolve_impacts(island, contacts.pairs, n, HIT_SPEED)
+            touching, stale = solve(island, count, h.h)
+            stale = stale or hit
             add_contact_velocity(island, 1.0)
-            if undo:
-                invalidate_placement(island)
+        if touching:
+            invalidate_placement(island)
             if first or pairs_outdated(island):
                 n = update_pairs(island)
-            if stale:
-                clear_impulses(island, scene.workspace.stale)
+    if not touching:
+        discard_forces(island)
     measure_travel(island)
-    return called, stale, n
+    return touching, stale, n
 
 
 @jit

@@ -283,21 +283,28 @@ def apply_impulse(island, slot, span, normal, tangential, turn):
 
 
 @jit
+def clear_hits(island):
+    """Mark all parts as not hit."""
+    for slot in range(island.parts):
+        island.contacts.hit[slot] = False
+
+
+@jit
 def resolve_impacts(island, pairs, n, hit_speed):
     """Resolve the impacts of parts with each other and with walls at the current poses, changing velocities.
+
+    Marks the parts in impacts in ``contacts.hit``, which :func:`clear_hits` has cleared.
 
     Args:
         pairs: (pairs, 2), of which the first ``n`` may touch.
         hit_speed: m/s; parts whose velocity an impact changes by more are marked in ``workspace.stale``.
 
     Returns:
-        Whether there was any impact, and whether any part was marked.
+        Whether any part was marked.
     """
     scene, properties, hit = island.scene, island.properties, island.contacts.hit
     part = scene.workspace.part
-    for slot in range(island.parts):
-        hit[slot] = False
-    any_impact, marked = False, False
+    marked = False
     for _ in range(MAX_IMPACTS + IMPACTS_A_PAIR * n):
         pair, span = fastest_impact(island, pairs, n, hit)
         if pair < 0:
@@ -313,7 +320,6 @@ def resolve_impacts(island, pairs, n, hit_speed):
         impulse = impact_impulse(
             sum_mobilities(mobility, other), met.approach, met.slip, met.turning, span.low, span.high, restitution, friction,
         )  # fmt: skip
-        any_impact = True
         for end in range(2):
             slot, sign = (i, -1.0) if end == 0 else (j, 1.0)
             if slot >= 0:
@@ -323,4 +329,4 @@ def resolve_impacts(island, pairs, n, hit_speed):
                 hit[slot] = True
                 if change > hit_speed:
                     scene.workspace.stale[slot] = marked = True
-    return any_impact, marked
+    return marked

@@ -147,7 +147,7 @@ def sort_parts(member, n, pose):
 
 
 @jit
-def load_members(islands, root, pairs, workspace, pose, contacts):
+def load_members(islands, root, pairs, workspace, pose, contacts, hulls):
     """Write an island's parts into slots and its pairs into ``contacts.pairs``; return the numbers of both."""
     parts, part = 0, islands.first[root]
     while part >= 0:
@@ -167,7 +167,7 @@ def load_members(islands, root, pairs, workspace, pose, contacts):
                 contacts.found[n, 1] = other if other < 0 else islands.slot[other]
                 n += 1
             entry = islands.link[entry]
-    order_pairs(contacts, parts, n)
+    order_pairs(contacts, hulls, workspace.part, parts, n)
     return parts, n
 
 
@@ -194,7 +194,7 @@ def run_island(islands, root, fixed, drive, state, world, pairs, paths):
     """
     friction, coupling, contacts = fixed.friction, fixed.coupling, fixed.contacts
     part = friction.workspace.part
-    parts, n = load_members(islands, root, pairs, friction.workspace, state.pose[world], contacts)
+    parts, n = load_members(islands, root, pairs, friction.workspace, state.pose[world], contacts, fixed.hulls)
     scheme = scheme_of(fixed, world, part, parts)
     groups = (parts + LANES - 1) // LANES
     scene = Scene(friction.table, friction.bodies, reference(scheme), drive, state, friction.workspace, groups)

@@ -1,10 +1,19 @@
-"""Contacts at rest: impulses at all contact points of an island after a step by friction alone.
+"""Contacts at rest: impulses at all contact points of an island, before and after a step by friction alone.
 
-No point approaches, and friction at a point is at most ``mu`` times its normal impulse: projected Gauss-Seidel iteration
-(:mod:`vibgym.physics.contacts.impulses`), which starts from the impulses of the period's last step (E. Catto, Iterative
-Dynamics with Temporal Coherence, GDC 2005). A second iteration moves parts apart that overlap by more than the slop.
+Strang's splitting (G. Strang, On the Construction and Comparison of Difference Schemes, SIAM J. Numer. Anal. 5, 1968; with
+known forces it is the velocity Verlet method): the mean force of the last step acts at each point for half of the step before
+friction (:func:`kick`), the rest of the impulses after it (:func:`solve`). If the contact has ended by then, the first half is
+taken back. Then no point approaches, and the sum of both impulses presses and its friction is at most ``mu`` times the normal
+one: projected Gauss-Seidel iteration (:mod:`vibgym.physics.contacts.impulses`), which starts from the same force (E. Catto,
+Iterative Dynamics with Temporal Coherence, GDC 2005). Impulses that differ from those expected also move the parts, for half of
+the step. The error is of second order in the step, with these exceptions of first order:
 
-Contacts do not rebound here: :mod:`vibgym.physics.contacts.certified.impact` computes rebounds first.
+- No force is known in the first step of a period, since the state is poses and velocities alone, and at new contacts.
+- A new contact or an impact changes velocities by more than forces do. Its parts, and those that it moves through others, have
+  no force in the next step, and their impulses do not move them.
+
+A second iteration moves parts apart that overlap by more than the slop. Contacts do not rebound here:
+:mod:`vibgym.physics.contacts.certified.impact` computes rebounds first.
 """
 
 from __future__ import annotations
@@ -18,11 +27,13 @@ from vibgym.kernels.jit import jit
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.certified.approach import part_motion, place_slot
 from vibgym.physics.contacts.certified.impact import CONTACT_FROM
-from vibgym.physics.contacts.hulls import hull_contact
+from vibgym.physics.contacts.hulls import kept_contact
 from vibgym.physics.contacts.impulses import (
     ALLOWED,
     GAP,
     HIT_SPEED,
+    KICK,
+    KICK_ALONG,
     MOVED,
     NORMAL,
     NORMAL_MASS,
@@ -38,8 +49,9 @@ from vibgym.physics.contacts.impulses import (
     rounds_needed,
 )
 from vibgym.physics.contacts.manifold import hull_points, wall_manifold
+from vibgym.physics.core.records import incline_size
 
-STILL_SPEED, STILL_MOVE = 1e-4, 1e-6
+STILL_SPEED, STILL_MOVE = 3e-4, 1e-5
 """Largest change (m/s; m) in an iteration at which it ends, for parts of equal mass. It is divided by the largest ratio of
 masses: the larger, the slower the convergence."""
 
@@ -52,6 +64,13 @@ CORRECTION_RATE = 3450.0
 NEARBY = 2e-4
 """Largest gap (m) of points that the correction of overlap includes: it may turn a part such that another corner overlaps."""
 
+STEADY = 1e-3
+"""Closing speed at the start of a step (m/s) above which a contact is new."""
+
+LARGEST_PUSH = 1.0
+"""Acceleration of any point of a part by all its contacts, over gravity and incline, above which no forces of an island are
+used: friction and incline cause forces, so that larger ones are those of an impact, or the iteration has not converged."""
+
 
 class Solver(NamedTuple):
     """Contact points of an island's step, and the impulses of the last one in the period."""
@@ -62,9 +81,11 @@ class Solver(NamedTuple):
     last_body: np.ndarray  # (points, 2) bodies of the last step's points
     last_hull: np.ndarray  # (points, 2)
     last_place: np.ndarray  # (points, 2) m
-    last_impulse: np.ndarray  # (points, 2) N s, normal and tangential
+    last_arms: np.ndarray  # (points, 6) normal and lever arms, the first columns of a point
+    last_force: np.ndarray  # (points, 2) N, normal and tangential
     last_count: np.ndarray  # (1,) number of the last step's points
-    last_span: np.ndarray  # (1,) s, its length
+    push: np.ndarray  # (parts + 1, 3) m/s^2, rad/s^2, accelerations of the parts by these forces
+    unsteady: np.ndarray  # (parts + 1,) bool: its velocity was changed by a new contact, directly or through others
 
 
 def new_solver(parts: int, hulls: int) -> Solver:
@@ -84,22 +105,47 @@ def new_solver(parts: int, hulls: int) -> Solver:
         last_body=indices(),
         last_hull=indices(),
         last_place=numbers(),
-        last_impulse=numbers(),
+        last_arms=np.zeros((capacity, 6)),
+        last_force=numbers(),
         last_count=np.zeros(1, np.int64),
-        last_span=np.zeros(1),
+        push=np.zeros((parts + 1, 3)),
+        unsteady=np.zeros(parts + 1, np.bool_),
     )
 
 
 @jit
 def begin_contacts(island):
-    """Compute the inverse masses of an island's parts (the last body is the walls), and discard the last impulses."""
+    """Compute the inverse masses of an island's parts (the last body is the walls), and discard the last forces."""
     properties, factor, inverse = island.properties, island.scene.state.mass[island.world], island.solver.points.inverse
     for slot in range(island.parts):
         part = island.scene.workspace.part[slot]
         mass = factor[part] * properties.mass[part]
         inverse[slot, 0], inverse[slot, 1] = 1.0 / mass, 1.0 / (mass * properties.gyration[part])
     inverse[island.parts, 0] = inverse[island.parts, 1] = 0.0
-    island.solver.last_count[0] = 0
+    discard_forces(island)
+
+
+@jit
+def discard_forces(island):
+    """Discard the forces of the last step."""
+    solver = island.solver
+    solver.last_count[0] = 0
+    for slot in range(island.parts + 1):
+        for k in range(3):
+            solver.push[slot, k] = 0.0
+
+
+@jit
+def kick(island, time):
+    """Change velocities by the impulses of the last step's forces in ``time`` s."""
+    workspace, push = island.scene.workspace, island.solver.push
+    for slot in range(island.parts):
+        velocity, lane, moved = workspace.velocity[slot // LANES], slot % LANES, False
+        for k in range(3):
+            moved = moved or push[slot, k] != 0.0
+            velocity[k * LANES + lane] += time * push[slot, k]
+        if moved:
+            island.scene.state.sticking[island.world, workspace.part[slot]] = False  # a pushed part no longer sticks
 
 
 @jit
@@ -117,8 +163,6 @@ def add_points(island, n, i, j, a, b, manifold, friction, h):
         solver.place[k, 0], solver.place[k, 1] = manifold.x, manifold.y
         if k > first:
             solver.place[k, 0], solver.place[k, 1] = manifold.other_x, manifold.other_y
-        if solver.points.value[k, GAP] > -CONTACT_FROM:
-            solver.points.value[k, ALLOWED] = UNLIMITED
     return n
 
 
@@ -151,10 +195,12 @@ def find_contacts(island, pairs, n, h):
             continue
         place_slot(island, j)
         other = workspace.part[j]
-        friction = math.sqrt(properties.friction[one] * properties.friction[other])
+        friction, combination = math.sqrt(properties.friction[one] * properties.friction[other]), 0
         for a in range(hulls.owner[one], hulls.owner[one + 1]):
             for b in range(hulls.owner[other], hulls.owner[other + 1]):
-                gap, nx, ny, owner = hull_contact(hulls, placed, a, b)
+                feature = contacts.feature[contacts.first_feature[pair] + combination]
+                gap, nx, ny, owner = kept_contact(hulls, placed, a, b, feature)
+                combination += 1
                 smallest = min(smallest, gap)
                 if gap < NEARBY:
                     manifold = hull_points(hulls, placed, a, b, gap, nx, ny, owner, NEARBY)
@@ -163,60 +209,128 @@ def find_contacts(island, pairs, n, h):
 
 
 @jit
-def start_from_last(solver, n, h):
-    """Start the ``n`` points from the impulses of the nearest points of the last step between the same hulls.
+def last_of(solver, k, start):
+    """Return the index of the last step's point that is nearest to point ``k`` between the same hulls, -1 if there is none.
 
-    In a step of ``h`` s that is shorter than the last one, impulses are smaller in proportion. In a longer one they are not
-    enlarged: after a short step they may be those of an impact, not of a force.
+    The points of two hulls follow each other. The search begins at ``start``, since points keep their order from step to step.
     """
-    points, last, share = solver.points, solver.last_count[0], min(h / solver.last_span[0], 1.0)
-    for k in range(n if last > 0 else 0):
-        i, j, nearest, match = points.body[k, 0], points.body[k, 1], math.inf, -1
-        for old in range(last if points.value[k, ALLOWED] == 0.0 else 0):
-            if (
-                solver.last_hull[old, 0] == solver.hull[k, 0] and solver.last_hull[old, 1] == solver.hull[k, 1]
-                and solver.last_body[old, 0] == i and solver.last_body[old, 1] == j
-            ):  # fmt: skip
-                dx = solver.last_place[old, 0] - solver.place[k, 0]
-                dy = solver.last_place[old, 1] - solver.place[k, 1]
-                if dx * dx + dy * dy < nearest:
-                    nearest, match = dx * dx + dy * dy, old
-        if match >= 0:
-            value = points.value[k]
-            value[NORMAL] = share * solver.last_impulse[match, 0]
-            value[TANGENTIAL] = share * solver.last_impulse[match, 1]
-            apply(value, points.inverse, points.velocity, i, j, value[NORMAL], value[TANGENTIAL])
+    last, body, hull, match, nearest = solver.last_count[0], solver.points.body[k], solver.hull[k], -1, math.inf
+    for offset in range(last):
+        old = start + offset if start + offset < last else start + offset - last
+        if (
+            solver.last_hull[old, 0] == hull[0] and solver.last_hull[old, 1] == hull[1]
+            and solver.last_body[old, 0] == body[0] and solver.last_body[old, 1] == body[1]
+        ):  # fmt: skip
+            dx, dy = solver.last_place[old, 0] - solver.place[k, 0], solver.last_place[old, 1] - solver.place[k, 1]
+            if dx * dx + dy * dy < nearest:
+                nearest, match = dx * dx + dy * dy, old
+        elif match >= 0:
+            break
+    return match
 
 
 @jit
-def keep_impulses(solver, n, h):
-    """Store the ``n`` points and their impulses for the next step."""
-    points = solver.points
+def start_from_last(island, n, h):
+    """Start the ``n`` points from the last step's forces in ``h`` s: half of their impulse at the places then, half now.
+
+    Contacts that have ended, and those of parts in an impact, have no force.
+
+    Returns:
+        Whether any point touches.
+    """
+    solver, points, hit, at, touching = island.solver, island.solver.points, island.contacts.hit, 0, False
     for k in range(n):
+        i, j = points.body[k, 0], points.body[k, 1]
+        value, match = points.value[k], last_of(solver, k, at)
+        value[ALLOWED] = 0.0 if value[GAP] <= -CONTACT_FROM else UNLIMITED
+        if match >= 0:
+            at = match
+            struck = hit[i] or (j < island.parts and hit[j])
+            if solver.last_force[match, 0] > 0.0 and not struck:
+                value[ALLOWED] = 0.0
+                for axis in range(2):
+                    value[KICK + axis] = value[NORMAL + axis] = 0.5 * h * solver.last_force[match, axis]
+                for row in (solver.last_arms[match], value):
+                    apply(row, points.inverse, points.velocity, i, j, value[KICK], value[KICK_ALONG])
+        touching = touching or value[ALLOWED] < UNLIMITED
+    for k in range(n if touching else 0):
+        value = points.value[k]
+        if value[KICK] > 0.0:
+            # What is left of a gap when impulses that stop the parts have moved them.
+            speed = normal_speed(value, points.velocity, points.body[k, 0], points.body[k, 1])
+            value[ALLOWED] = max(value[GAP] / h - 0.5 * speed, 0.0)
+    return touching
+
+
+@jit
+def change_by_contacts(island, slot):
+    """Return the largest change of the velocity of any point of a part that is not written yet, m/s."""
+    workspace, points = island.scene.workspace, island.solver.points
+    velocity, lane, radius = workspace.velocity[slot // LANES], slot % LANES, island.hulls.radius[workspace.part[slot]]
+    return max(
+        abs(points.velocity[slot, 0] - velocity[lane]), abs(points.velocity[slot, 1] - velocity[LANES + lane]),
+        radius * abs(points.velocity[slot, 2] - velocity[2 * LANES + lane]),
+    )  # fmt: skip
+
+
+@jit
+def find_unsteady(island, n):
+    """Mark parts in new contacts or impacts, those that were hit, and those that these press, in ``solver.unsteady``."""
+    points, unsteady, spreads = island.solver.points, island.solver.unsteady, False
+    for slot in range(island.parts):
+        unsteady[slot] = island.contacts.hit[slot] or change_by_contacts(island, slot) > HIT_SPEED
+        spreads = spreads or unsteady[slot]
+    unsteady[island.parts] = False  # walls pass nothing on
+    for k in range(n):
+        value, i, j = points.value[k], points.body[k, 0], points.body[k, 1]
+        if value[NORMAL] + value[KICK] > 0.0 and normal_speed(value, points.before, i, j) < -STEADY:
+            unsteady[i] = spreads = True
+            unsteady[j] = j < island.parts
+    while spreads:
+        spreads = False
+        for k in range(n):
+            value, i, j = points.value[k], points.body[k, 0], points.body[k, 1]
+            if j < island.parts and unsteady[i] != unsteady[j] and value[NORMAL] + value[KICK] > 0.0:
+                unsteady[i] = unsteady[j] = spreads = True
+
+
+@jit
+def keep_forces(island, n, h):
+    """Store the ``n`` points and their mean forces for the next step; move steady parts by unexpected impulses."""
+    solver, points = island.solver, island.solver.points
+    for slot in range(island.parts + 1):
+        for k in range(3):
+            solver.push[slot, k] = 0.0
+    for k in range(n):
+        value, i, j = points.value[k], points.body[k, 0], points.body[k, 1]
         for end in range(2):
             solver.last_body[k, end], solver.last_hull[k, end] = points.body[k, end], solver.hull[k, end]
-            solver.last_place[k, end] = solver.place[k, end]
-        solver.last_impulse[k, 0], solver.last_impulse[k, 1] = points.value[k, NORMAL], points.value[k, TANGENTIAL]
-    solver.last_count[0], solver.last_span[0] = n, h
-
-
-@jit
-def clear_impulses(island, hit):
-    """Clear the kept impulses of parts that were hit, which are no initial guess for the next step."""
-    solver = island.solver
-    for k in range(solver.last_count[0]):
-        i, j = solver.last_body[k, 0], solver.last_body[k, 1]
-        if hit[i] or (j < island.parts and hit[j]):
-            solver.last_impulse[k, 0] = solver.last_impulse[k, 1] = 0.0
+            solver.last_place[k, end], solver.last_force[k, end] = solver.place[k, end], 0.0
+        for field in range(6):
+            solver.last_arms[k, field] = value[field]
+        if not (solver.unsteady[i] or solver.unsteady[j]):
+            normal, tangential, kick, along = value[NORMAL], value[TANGENTIAL], value[KICK], value[KICK_ALONG]
+            force, friction = (normal + kick) / h, (tangential + along) / h
+            solver.last_force[k, 0], solver.last_force[k, 1] = force, friction
+            apply(value, points.inverse, solver.push, i, j, force, friction)
+            apply(value, points.inverse, points.move, i, j, 0.5 * h * (normal - kick), 0.5 * h * (tangential - along))
+    solver.last_count[0] = n
+    most = LARGEST_PUSH * (island.scene.table.gravity + incline_size(island.scene.state, island.world))
+    for slot in range(island.parts):
+        push, radius = solver.push[slot], island.hulls.radius[island.scene.workspace.part[slot]]
+        if math.sqrt(push[0] * push[0] + push[1] * push[1]) + radius * abs(push[2]) > most:
+            discard_forces(island)
 
 
 @jit
 def correct_overlap(points, n, rounds, still, slop, share):
-    """Compute ``points.move`` such that overlap beyond ``slop`` m decreases by ``share``; iterate until ``still``, m."""
-    move, inverse = points.move, points.inverse
+    """Change ``points.move`` such that overlap beyond ``slop`` m decreases by ``share``; iterate until ``still``, m."""
+    move, inverse, deep = points.move, points.inverse, False
     for k in range(n):
-        points.value[k, MOVED] = 0.0
-    for _ in range(rounds):
+        value = points.value[k]
+        value[MOVED] = 0.0
+        deep = deep or value[GAP] + normal_speed(value, move, points.body[k, 0], points.body[k, 1]) < -slop
+    for _ in range(rounds if deep else 0):
         most = 0.0
         for k in range(n):
             value, i, j = points.value[k], points.body[k, 0], points.body[k, 1]
@@ -246,16 +360,17 @@ def limit_turns(island):
 
 @jit
 def load_velocities(island):
-    """Load the velocities of an island's parts; return the largest ratio of their masses."""
+    """Load the velocities of an island's parts, now and at the step's start; return the largest ratio of their masses."""
     workspace, points = island.scene.workspace, island.solver.points
     least, most = math.inf, 0.0
     for slot in range(island.parts):
         velocity, lane = workspace.velocity[slot // LANES], slot % LANES
         for k in range(3):
             points.velocity[slot, k], points.move[slot, k] = velocity[k * LANES + lane], 0.0
+            points.before[slot, k] = island.contacts.start_velocity[slot, k]
         least, most = min(least, points.inverse[slot, 0]), max(most, points.inverse[slot, 0])
     for k in range(3):
-        points.velocity[island.parts, k] = points.move[island.parts, k] = 0.0
+        points.velocity[island.parts, k] = points.before[island.parts, k] = points.move[island.parts, k] = 0.0
     return most / least
 
 
@@ -268,42 +383,39 @@ def write_motion(island):
     """
     workspace, points, any_hit = island.scene.workspace, island.solver.points, False
     for slot in range(island.parts):
-        g, lane, part, change, moved = slot // LANES, slot % LANES, workspace.part[slot], 0.0, False
         if workspace.away[slot]:
             continue
+        change = change_by_contacts(island, slot)
         for k in range(3):
-            at = k * LANES + lane
-            difference = abs(points.velocity[slot, k] - workspace.velocity[g, at])
-            change = max(change, difference * (1.0 if k < 2 else island.hulls.radius[part]))
-            moved = moved or points.velocity[slot, k] != workspace.velocity[g, at]
-            workspace.velocity[g, at] = points.velocity[slot, k]
-            workspace.pose[g, at] += points.move[slot, k]
-        if moved:
-            island.scene.state.sticking[island.world, part] = False  # a pushed part no longer sticks
+            at = k * LANES + slot % LANES
+            workspace.velocity[slot // LANES, at] = points.velocity[slot, k]
+            workspace.pose[slot // LANES, at] += points.move[slot, k]
+        if change > 0.0:
+            island.scene.state.sticking[island.world, workspace.part[slot]] = False  # a pushed part no longer sticks
         if change > HIT_SPEED:
             workspace.stale[slot] = any_hit = True
     return any_hit
 
 
 @jit
-def solve(island, n, h, undo):
-    """Apply the impulses of the ``n`` points of :func:`find_contacts` to velocities, and correct overlap in poses.
+def solve(island, n, h):
+    """Apply the impulses of the ``n`` points of :func:`find_contacts` to velocities, and correct poses.
 
     Args:
         h: s, the step's length.
-        undo: whether any overlap is deep enough to be corrected.
 
     Returns:
-        Whether any part's velocity has changed by more than ``HIT_SPEED``. Such parts are marked in ``workspace.stale``.
+        Whether any parts touch, and whether the velocity of any has changed by more than ``HIT_SPEED``. Such parts are marked
+        in ``workspace.stale``.
     """
-    solver, points = island.solver, island.solver.points
-    ratio = load_velocities(island)
+    points, ratio = island.solver.points, load_velocities(island)
     rounds = COLD * rounds_needed(island.parts, ratio)
-    start_from_last(solver, n, h)
+    if not start_from_last(island, n, h):
+        return False, False
     iterate(points, n, rounds, STILL_SPEED / ratio)
-    keep_impulses(solver, n, h)
-    if undo:
-        share = 1.0 - math.exp(-CORRECTION_RATE * h)
-        correct_overlap(points, n, rounds, STILL_MOVE / ratio, island.slop + CONTACT_FROM, share)
-        limit_turns(island)
-    return write_motion(island)
+    find_unsteady(island, n)
+    keep_forces(island, n, h)
+    share = 1.0 - math.exp(-CORRECTION_RATE * h)
+    correct_overlap(points, n, rounds, STILL_MOVE / ratio, island.slop + CONTACT_FROM, share)
+    limit_turns(island)
+    return True, write_motion(island)
