@@ -10,6 +10,8 @@
 ``contacts-steps``: two blocks driven together on the prototype for 12 periods, in 64 worlds: distance from a run with 640 steps
 per period, and the observed order from each number of steps to the next.
 
+``contacts-order``: the same of certified contacts in six scenes, 4 periods in 32 worlds, against 1280 steps per period.
+
 ``contacts-heaps``: heaps of 12 blocks driven together on the prototype, by distance at the start: cost, overlap, energy, and
 deviation after a second from certified contacts with 160 steps per period, which certified contacts with fewer steps have as
 well.
@@ -28,7 +30,7 @@ import time
 from collections.abc import Iterable
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,7 +41,6 @@ from vibgym.fields import radial, uniform
 from vibgym.physics.contacts.hulls import place_hulls, wall_gap
 from vibgym.scene.hulls import WALLS, gaps_between
 from vibgym.scene.parts import shipped_part
-from vibgym.simulation.contacts import base
 
 RADIUS, SPEED, WORLDS = 0.02, 0.6, 64
 OFFSETS = (0.0, 0.5, 0.9, 0.99)
@@ -181,16 +182,10 @@ def shorter_steps(keep: bool) -> None:
     """Compare numbers of coupling steps."""
     driven_together(10)  # compiles
     finest, _ = driven_together(640)
-    runs = [(kind["contacts"], [driven_together(steps, **kind) for steps in STEPS], finest) for kind in KINDS]
-    usual, base.SLOP = base.SLOP, base.SLOP / 16.0
-    try:
-        least, _ = driven_together(640)
-        runs.insert(1, ("certified, a 16th of the overlap", [driven_together(steps) for steps in STEPS], least))
-    finally:
-        base.SLOP = usual
     lines = []
-    for name, run, reference in runs:
-        errors = [1e3 * np.hypot(*np.moveaxis(position - reference, -1, 0)) for position, _ in run]
+    for kind in KINDS:
+        name, run = kind["contacts"], [driven_together(steps, **kind) for steps in STEPS]
+        errors = [1e3 * np.hypot(*np.moveaxis(position - finest, -1, 0)) for position, _ in run]
         medians = [float(np.median(error)) for error in errors]
         orders = ["", *(f"{math.log2(coarse / fine):.1f}" for coarse, fine in pairwise(medians))]
         for steps, median, error, order, (_, cost) in zip(STEPS, medians, errors, orders, run, strict=True):
@@ -199,6 +194,91 @@ def shorter_steps(keep: bool) -> None:
             )
     heads = ("contacts", "steps per period", "distance: median", "95 %", "observed order", "per world and period")
     show("contacts-steps", heads, lines, keep)
+
+
+ORDER_WORLDS, ORDER_PERIODS, FINEST = 32, 4, 1280
+"""Worlds and periods of :func:`orders`, and steps per period of its reference."""
+
+CENTRES = np.array([0.416, 0.104]) + np.random.default_rng(0).uniform(-0.02, 0.02, (ORDER_WORLDS, 2))
+"""Middles of the scenes of :func:`orders`, m."""
+
+
+class Scene(NamedTuple):
+    """Parts that touch at the start, or are close, in :data:`ORDER_WORLDS` worlds."""
+
+    parts: list[Part]
+    pose: np.ndarray  # (worlds, parts, 3)
+    drive: tuple[np.ndarray, np.ndarray]
+    walls: tuple[str, ...] = ()
+    incline: tuple[float, float] = (0.0, 0.0)  # m/s^2
+
+
+def squares(size: float, *friction: float) -> list[Part]:
+    """Return squares with these coefficients of friction."""
+    return [Part.rectangle(size, size, friction=mu) for mu in friction]
+
+
+def in_a_row(count: int, size: float, turned: float, centres: np.ndarray) -> np.ndarray:
+    """Return poses of touching squares around ``centres``, in rows turned by up to ``turned`` rad."""
+    heading = np.linspace(-turned, turned, ORDER_WORLDS)[:, None]
+    along = size * (np.arange(count) - 0.5 * (count - 1))
+    x, y = centres[:, :1] + along * np.cos(heading), centres[:, 1:] + along * np.sin(heading)
+    return np.stack([x, y, np.broadcast_to(heading, x.shape)], axis=-1)
+
+
+def scenes() -> dict[str, Scene]:
+    """Return the scenes of :func:`orders` by name."""
+    surface, k = Surface(), np.arange(ORDER_WORLDS)
+    amplitude, phase = radial(0.416, 0.104).drive(surface)
+    left = np.stack([np.full(ORDER_WORLDS, 0.08), CENTRES[:, 1]], axis=1)
+    bar = Part.rectangle(0.16, 0.05, friction=0.3, mass=0.8)
+    block = Part.rectangle(0.04, 0.03, friction=0.58, contact_friction=0.3)
+    sliding = np.zeros((ORDER_WORLDS, 2, 3))
+    sliding[:, 0, :2], sliding[:, 1, 1] = [0.416, 0.025], 0.065
+    sliding[:, 1, 0] = 0.37 + 0.001 * k
+    height = 0.04 * math.sqrt(0.75)
+    discs = [Part.disc(0.02, friction=mu) for mu in (0.3, 0.58, 0.45, 0.64, 0.5, 0.4)]
+    heaped = np.zeros((ORDER_WORLDS, 6, 3))
+    heaped[:, :, 0] = 0.25 + 0.01 * k[:, None] + 0.04 * np.array([0.0, 1.0, 2.0, 0.5, 1.5, 1.0])
+    heaped[:, :, 1] = 0.02 + height * np.array([0.0, 0.0, 0.0, 1.0, 1.0, 2.0])
+    return {
+        "two squares driven together": Scene(squares(0.05, 0.58, 0.4), in_a_row(2, 0.05, 0.5, CENTRES), (amplitude, phase)),
+        "a row pressed against a wall": Scene(
+            squares(0.04, 0.3, 0.58, 0.45, 0.64), in_a_row(4, 0.04, 0.0, left), uniform(0.5 * math.pi).drive(surface),
+            ("left",), (-8.0, 0.0),
+        ),
+        "a square between two that move apart": Scene(
+            squares(0.04, 0.58, 0.58, 0.58), in_a_row(3, 0.04, 0.5, CENTRES), (amplitude, phase + math.pi)
+        ),
+        "a block that slides along a bar": Scene([bar, block], sliding, uniform(0.3).drive(surface), ("bottom",), (1.0, -8.0)),
+        "a heap of discs at a wall": Scene(discs, heaped, uniform(1.0).drive(surface), ("bottom",), (0.0, -8.0)),
+        "a crowd driven together": Scene(
+            [shipped_part("aluminium_block")] * BLOCKS, heap(0.063)[:ORDER_WORLDS], (amplitude, phase)
+        ),
+    }  # fmt: skip
+
+
+def final_positions(scene: Scene, steps: int) -> np.ndarray:
+    """Return the positions (worlds, parts, 2) of a scene at the end."""
+    made = Simulator(
+        Surface(), scene.parts, walls=scene.walls, worlds=ORDER_WORLDS, threads=1, contact_steps=steps
+    )  # fmt: skip
+    made.reset(scene.pose)
+    made.set_conditions(range(ORDER_WORLDS), incline=scene.incline)
+    made.advance(*scene.drive, ORDER_PERIODS)
+    return made.pose[..., :2]
+
+
+def orders(keep: bool) -> None:
+    """Compare numbers of coupling steps of certified contacts in several scenes."""
+    lines = []
+    for name, scene in scenes().items():
+        finest = final_positions(scene, FINEST)
+        off = [1e3 * float(np.median(np.linalg.norm(final_positions(scene, n) - finest, axis=-1))) for n in STEPS]
+        order = math.log(off[0] / off[-1]) / math.log(STEPS[-1] / STEPS[0]) if off[-1] > 0.0 else math.inf
+        lines.append([name, *(f"{median:.4f}" for median in off), f"{order:.1f}"])
+    heads = ("mm, after 4 periods", *(f"{n} steps" for n in STEPS), f"order from {STEPS[0]} to {STEPS[-1]}")
+    show("contacts-order", heads, lines, keep)
 
 
 BLOCKS, SECOND = 12, 25
@@ -341,6 +421,7 @@ def pile(keep: bool) -> None:
 TABLES = {
     "contacts": closed_forms,
     "contacts-steps": shorter_steps,
+    "contacts-order": orders,
     "contacts-heaps": heaps,
     "apart": apart,
     "pile": pile,

@@ -11,7 +11,19 @@ from shapely.geometry import MultiPoint, Point, Polygon
 from shapely.ops import unary_union
 
 from vibgym import Part
-from vibgym.physics.contacts.hulls import BOTTOM, LEFT, RIGHT, TOP, place_hulls, wall_gap
+from vibgym.kernels.jit import jit
+from vibgym.kernels.reference import reference
+from vibgym.physics.contacts.hulls import (
+    BOTTOM,
+    KEPT_OVERLAP,
+    LEFT,
+    RIGHT,
+    TOP,
+    hull_contact,
+    kept_contact,
+    place_hulls,
+    wall_gap,
+)
 from vibgym.scene.hulls import convex_pieces, gaps_between, hulls_of
 
 ROUNDING = 1e-12
@@ -142,6 +154,38 @@ def test_many_worlds_at_once():
 
 
 # -- walls -------------------------------------------------------------------------------------------------------------
+
+
+@jit(allocates=True)
+def kept_along(hulls, path, contact):
+    """Write gap and normal of two convex parts along a path (n, 2, 3), with the face kept and without, into ``contact``."""
+    hulls, feature, placed = reference(hulls), np.full(2, -1), np.empty_like(hulls.corner)
+    for k in range(path.shape[0]):
+        for part in range(2):
+            place_hulls(hulls, part, path[k, part, 0], path[k, part, 1], path[k, part, 2], placed)
+        contact[k, 0, 0], contact[k, 0, 1], contact[k, 0, 2], _ = kept_contact(hulls, placed, 0, 1, feature)
+        contact[k, 1, 0], contact[k, 1, 1], contact[k, 1, 2], _ = hull_contact(hulls, placed, 0, 1)
+
+
+@given(seeds)
+def test_kept_face_of_hulls_that_approach(seed):
+    """The contact of all faces and corners where the parts are separate or overlap by much, and no other one separates more."""
+    rng = np.random.default_rng(seed)
+    parts = [convex_part(rng) if rng.random() < 0.7 else Part.disc(0.02, friction=0.5) for _ in range(2)]
+    start, away = rng.uniform(-3.0, 3.0, (2, 3)), sum(part.radius for part in parts)
+    angle, step = rng.uniform(-3.0, 3.0), np.linspace(0.0, 1.0, 60)
+    start[:, :2] = [[0.0, 0.0], [1.2 * away * math.cos(angle), 1.2 * away * math.sin(angle)]]
+    path = start + step[:, None, None] * rng.uniform(-1.0, 1.0, (2, 3)) * [0.3 * away, 0.3 * away, 0.5]
+    path[:, 1, :2] -= 0.5 * step[:, None] * start[1, :2]
+    contact = np.zeros((len(path), 2, 3))
+    kept_along(hulls_of(parts), path, contact)
+    kept, full = contact[:, 0], contact[:, 1]
+    apart = full[:, 0] > ROUNDING
+    np.testing.assert_allclose(kept[apart, 0], full[apart, 0], atol=ROUNDING)
+    assert (kept[:, 0] <= full[:, 0] + ROUNDING).all()  # no direction separates more
+    deep = full[:, 0] < -KEPT_OVERLAP
+    np.testing.assert_array_equal(kept[deep], full[deep])
+    np.testing.assert_allclose(np.hypot(kept[:, 1], kept[:, 2]), 1.0, atol=1e-12)
 
 
 @given(seeds)

@@ -42,6 +42,7 @@ from vibgym.physics.contacts.impulses import (
     Points,
     add_manifold,
     apply,
+    energy,
     iterate,
     new_points,
     normal_speed,
@@ -239,10 +240,10 @@ def start_from_last(island, n, h):
         Whether any point touches.
     """
     solver, points, hit, at, touching = island.solver, island.solver.points, island.contacts.hit, 0, False
+    start_from_zero(points, n)
     for k in range(n):
         i, j = points.body[k, 0], points.body[k, 1]
         value, match = points.value[k], last_of(solver, k, at)
-        value[ALLOWED] = 0.0 if value[GAP] <= -CONTACT_FROM else UNLIMITED
         if match >= 0:
             at = match
             struck = hit[i] or (j < island.parts and hit[j])
@@ -260,6 +261,15 @@ def start_from_last(island, n, h):
             speed = normal_speed(value, points.velocity, points.body[k, 0], points.body[k, 1])
             value[ALLOWED] = max(value[GAP] / h - 0.5 * speed, 0.0)
     return touching
+
+
+@jit
+def start_from_zero(points, n):
+    """Start the ``n`` points without forces."""
+    for k in range(n):
+        value = points.value[k]
+        value[NORMAL] = value[TANGENTIAL] = value[KICK] = value[KICK_ALONG] = 0.0
+        value[ALLOWED] = 0.0 if value[GAP] <= -CONTACT_FROM else UNLIMITED
 
 
 @jit
@@ -315,7 +325,9 @@ def keep_forces(island, n, h):
             apply(value, points.inverse, solver.push, i, j, force, friction)
             apply(value, points.inverse, points.move, i, j, 0.5 * h * (normal - kick), 0.5 * h * (tangential - along))
     solver.last_count[0] = n
-    most = LARGEST_PUSH * (island.scene.table.gravity + incline_size(island.scene.state, island.world))
+    table, incline = island.scene.table, incline_size(island.scene.state, island.world)
+    # On a level table at rest friction stops all parts, and no force lasts.
+    most = LARGEST_PUSH * (table.gravity + incline) if table.speed > 0.0 or incline > 0.0 else 0.0
     for slot in range(island.parts):
         push, radius = solver.push[slot], island.hulls.radius[island.scene.workspace.part[slot]]
         if math.sqrt(push[0] * push[0] + push[1] * push[1]) + radius * abs(push[2]) > most:
@@ -409,10 +421,15 @@ def solve(island, n, h):
         in ``workspace.stale``.
     """
     points, ratio = island.solver.points, load_velocities(island)
-    rounds = COLD * rounds_needed(island.parts, ratio)
+    rounds, before = COLD * rounds_needed(island.parts, ratio), energy(points, island.parts)
     if not start_from_last(island, n, h):
         return False, False
     iterate(points, n, rounds, STILL_SPEED / ratio)
+    if energy(points, island.parts) > before:
+        # Forces of the last step that no longer fit. Iterations from zero lose energy, each of them.
+        load_velocities(island)
+        start_from_zero(points, n)
+        iterate(points, n, rounds, STILL_SPEED / ratio)
     find_unsteady(island, n)
     keep_forces(island, n, h)
     share = 1.0 - math.exp(-CORRECTION_RATE * h)
