@@ -180,7 +180,8 @@ STEPS = (5, 10, 20, 40, 80, 160)
 
 def shorter_steps(keep: bool) -> None:
     """Compare numbers of coupling steps."""
-    driven_together(10)  # compiles
+    for kind in KINDS:
+        driven_together(10, **kind)  # compiles
     finest, _ = driven_together(640)
     lines = []
     for kind in KINDS:
