@@ -261,9 +261,7 @@ def scenes() -> dict[str, Scene]:
 
 def final_positions(scene: Scene, steps: int) -> np.ndarray:
     """Return the positions (worlds, parts, 2) of a scene at the end."""
-    made = Simulator(
-        Surface(), scene.parts, walls=scene.walls, worlds=ORDER_WORLDS, threads=1, contact_steps=steps
-    )  # fmt: skip
+    made = Simulator(Surface(), scene.parts, walls=scene.walls, worlds=ORDER_WORLDS, threads=1, contact_steps=steps)
     made.reset(scene.pose)
     made.set_conditions(range(ORDER_WORLDS), incline=scene.incline)
     made.advance(*scene.drive, ORDER_PERIODS)

@@ -26,7 +26,7 @@ from vibgym.simulation.model import NO_PATHS, Setup
 from vibgym.simulation.schemes import MAX_STEPS, PlanarSettings, schemes_alone
 
 SLOP = 4e-6
-"""m, overlap that the solver does not correct, so that contacts persist and it can warm-start."""
+"""m, overlap that the solver does not correct, so that contacts last from step to step."""
 
 MIN_WIDTH = 1e-4
 """m, least width of a part that may touch others: overlaps must be small against it."""
