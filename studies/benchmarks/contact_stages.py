@@ -1,32 +1,30 @@
-"""Where the time of contacts goes: ``python -m studies.benchmarks.contact_stages`` prints cycles by stage as microseconds.
+"""Where the time of contacts goes: ``python -m studies.benchmarks.contact_stages`` prints microseconds by stage.
 
-Kernels of a stage are wrapped before anything is compiled: the wrapper reads the processor's cycle counter, so that the time
-of a nested stage is subtracted from the enclosing one. All kernels are compiled for it, in about half a minute.
+Kernels of a stage are wrapped before anything is compiled: the wrapper reads the clock, so that the time of a nested stage is
+subtracted from the enclosing one. All kernels are compiled for it, in about half a minute. Linux.
 """
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import inspect
 import os
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
 from studies import common
 from studies.benchmarks import contacts
 from studies.kept import show
 from vibgym import Surface
 from vibgym.fields import radial
-from vibgym.kernels.jit import jit
+from vibgym.kernels.jit import LINKED, MODE, REASON, jit
+from vibgym.kernels.reference import Layout, Pinned
 
 STAGES = {
     "cut": ("planar.stepper:cut_stale",),
@@ -49,30 +47,49 @@ STAGES = {
 }  # fmt: skip
 """Kernels of each stage, in modules of :mod:`vibgym.physics`."""
 
-CLOCK = np.zeros(2 + 1 + len(STAGES), np.int64)
-"""Current stage (0: the rest), last reading, and cycles of each stage."""
+
+class Clock(NamedTuple):
+    """Time by stage, ns; stage 0 is the rest."""
+
+    time: np.ndarray  # (2,) s and ns, written by the operating system
+    current: np.ndarray  # (3,) stage, when it began, and ns that a reading takes
+    spent: np.ndarray  # (1 + stages,)
 
 
-def _switch(typing_context: Any, stage: Any) -> Any:
-    """``switch(stage)`` in a kernel adds the cycles until now to the current stage and returns that stage."""
+LAYOUT: Layout[Clock] = Layout("LAYOUT", __name__)
+CLOCK = Pinned(LAYOUT, Clock(np.zeros(2, np.int64), np.zeros(3, np.int64), np.zeros(1 + len(STAGES), np.int64)))
+clock_at, ADDRESS, TIME = LAYOUT.at, CLOCK.address, CLOCK.record.time.ctypes.data
 
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        word = ir.IntType(64)
-        current = builder.inttoptr(ir.Constant(word, CLOCK.ctypes.data), word.as_pointer())
-        last, spent = (builder.gep(current, [ir.Constant(word, k)]) for k in (1, 2))
-        counter = ir.FunctionType(word, [])
-        now = builder.call(cgutils.get_or_insert_function(builder.module, counter, "llvm.readcyclecounter"), [])
-        before = builder.load(current)
-        sum_of = builder.gep(spent, [before])
-        builder.store(builder.add(builder.load(sum_of), builder.sub(now, builder.load(last))), sum_of)
-        builder.store(now, last)
-        builder.store(values[0], current)
-        return before
-
-    return types.int64(types.int64), generate
+read_time = ctypes.CDLL(None).clock_gettime
+read_time.argtypes = ctypes.c_int, ctypes.c_int64
+MONOTONIC = time.CLOCK_MONOTONIC
 
 
-switch: Any = intrinsic(_switch)
+@jit
+def switch(stage):
+    """Add the time until now to the current stage, make ``stage`` current, and return the stage before."""
+    clock = clock_at(ADDRESS)
+    read_time(MONOTONIC, TIME)
+    now, before = 1_000_000_000 * clock.time[0] + clock.time[1], clock.current[0]
+    clock.spent[before] += now - clock.current[1] - clock.current[2]
+    clock.current[0], clock.current[1] = stage, now
+    return before
+
+
+@jit
+def switch_often(times):
+    """Switch to the rest again and again."""
+    for _ in range(times):
+        switch(0)
+
+
+def calibrate(times: int = 1_000_000) -> None:
+    """Measure how long a reading takes."""
+    spent, current = CLOCK.record.spent, CLOCK.record.current
+    switch_often(1)
+    spent[:] = current[2] = 0
+    switch_often(times)
+    current[2] = spent[0] // times
 
 
 def timed(kernel: Any, stage: int) -> Any:
@@ -105,26 +122,18 @@ def instrument() -> None:
                 value.state = ""
 
 
-@jit
-def begin(stage):
-    """Make ``stage`` current."""
-    switch(stage)
-
-
 def measured(work: Callable[[], Any], units: float) -> list[float]:
     """Return microseconds of a unit of work: in all, of the rest, and of each stage; the fastest of several runs."""
     work()  # compiles
-    best = [np.inf]
+    spent, best = CLOCK.record.spent, np.full(1 + len(STAGES), np.inf)
     for _ in range(7):
-        CLOCK[:] = 0
-        begin(0)
-        CLOCK[2:], began = 0, time.thread_time()
+        switch(0)
+        spent[:] = 0
         work()
-        took = 1e6 * (time.thread_time() - began) / units
-        begin(0)
-        if took < best[0]:
-            best = [took, *(took * CLOCK[2:] / CLOCK[2:].sum()).tolist()]
-    return best
+        switch(0)
+        if spent.sum() < best.sum():
+            best = spent.copy()
+    return [1e-3 * float(ns) / units for ns in (best.sum(), *best)]
 
 
 def crowded(action: str, steps: int = 8, worlds: int = 256) -> tuple[Callable[[], None], int]:
@@ -139,8 +148,11 @@ def crowded(action: str, steps: int = 8, worlds: int = 256) -> tuple[Callable[[]
 def main() -> None:
     """Measure the scenes."""
     keep = common.parser(__doc__).parse_args().keep
+    if MODE != LINKED:  # other kernels may come from the cache with the kernels that they call
+        raise SystemExit(f"contact_stages cannot wrap kernels: {REASON}")
     os.environ["VIBGYM_THREADS"] = "1"
     instrument()
+    calibrate()
     drive = radial(0.416, 0.104).drive(Surface())
     scenes = {
         "two blocks driven together, a world and period": (
