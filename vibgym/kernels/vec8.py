@@ -244,6 +244,12 @@ broadcast, broadcast_register = _broadcaster(LANES), _broadcaster(WIDTH)
 mask_of, mask_register = _masker(LANES), _masker(WIDTH)
 
 
+@_function(_ANY_VEC, _ANY_VEC, types.Array, types.intp)
+def load_like(builder: Any, value: Any, data: Any, at: Any) -> Any:
+    """Load as many consecutive items of a flat array as a value has lanes."""
+    return builder.load(_place(builder, data, at, value.type), align=8)
+
+
 @_function(types.none, types.Array, types.intp, _ANY_VEC)
 def store(builder: Any, data: Any, at: Any, value: Any) -> None:
     """Store the lanes in consecutive items of a flat array."""

@@ -6,7 +6,8 @@
   where the mask holds. ``bits(mask)`` and ``mask_of(number)`` convert a mask to an integer and back: bit k is lane k.
 - ``load`` and ``store`` read and write flat arrays, ``load_mask`` and ``store_mask`` arrays of bool.
 - ``lane_minimum``, ``lane_maximum`` and ``lane_sum`` return the smallest lane, the largest one, and the sum of all.
-- ``load_register``, ``broadcast_register`` and ``mask_register`` make values of ``WIDTH`` lanes, as many as a register holds.
+- ``load_register``, ``broadcast_register`` and ``mask_register`` make values of ``WIDTH`` lanes, as many as a register holds;
+  ``load_like(value, ...)`` of as many as ``value`` has.
 
 Kernels that use these functions are compiled by :func:`vibgym.kernels.jit.exact`. Without compilation there is one lane, and
 values are numbers.
@@ -32,6 +33,10 @@ if MODE == INTERPRETED:
         return float(number)
 
     def load(data, at):
+        """Return an item of a flat array."""
+        return data[at]
+
+    def load_like(value, data, at):
         """Return an item of a flat array."""
         return data[at]
 

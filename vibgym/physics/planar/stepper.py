@@ -410,18 +410,20 @@ def slide_group(scene, g, step):
     workspace, first = scene.workspace, g * LANES
     pose, velocity = workspace.pose[g], workspace.velocity[g]
     here = logical_not(load_mask(workspace.away, first))
-    by_points = here & load_mask(workspace.by_points, first)
-    if bits(load_mask(workspace.held, first)) == 0:
+    by_series = here & logical_not(load_mask(workspace.by_points, first) | mask_of(sticking_lanes(scene, first)))
+    sliding = bits(by_series & load_mask(workspace.held, first))
+    if sliding == 0:
         by_series = logical_not(here) & here
     else:
         old_pose, old_velocity = workspace.old_pose[g], workspace.old_velocity[g]
         for k in range(0, 3 * LANES, LANES):
             store(old_pose, k, load(pose, k))
             store(old_velocity, k, load(velocity, k))
-        slide_by_series(scene.table, step, workspace.moments[g], pose, velocity, workspace.own[g])
-        by_series = (
-            here & logical_not(by_points | mask_of(sticking_lanes(scene, first))) & series_held(workspace, g, step.h)
-        )
+        for lane in range(0, LANES, WIDTH):
+            if sliding >> lane & ((1 << WIDTH) - 1) != 0:
+                moments, own = workspace.moments[g, lane:], workspace.own[g, lane:]
+                slide_by_series(scene.table, step, moments, pose[lane:], velocity[lane:], own)
+        by_series = by_series & series_held(workspace, g, step.h)
         if bits(logical_not(by_series)) != 0:
             for k in range(0, 3 * LANES, LANES):
                 store(pose, k, select(by_series, load(pose, k), load(old_pose, k)))

@@ -1,4 +1,4 @@
-"""Friction wrench of a flat part in sliding contact, in two forms, and steps of eight parts with the second form.
+"""Friction wrench of a flat part in sliding contact, in two forms, and steps of a register of parts with the second form.
 
 The stress at a point is ``mu p n`` along the velocity of the table relative to it (thesis section 3.2, eqs. 3.26 and 3.27 for
 a single element). :func:`sliding_wrench` sums it over contact points and is bounded for every slip. :func:`expanded_wrench`
@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from vibgym.kernels.jit import exact, jit
-from vibgym.kernels.vector import LANES, broadcast, load, maximum, minimum, sqrt, store
+from vibgym.kernels.vector import LANES, broadcast_register, load_like, load_register, maximum, minimum, sqrt, store
 from vibgym.physics.core.records import body_incline, law_factor, most_friction
 
 _TINY = 1e-30  # (m/s)^2; avoids 0/0 at a point without slip, where friction has no direction
@@ -77,23 +77,24 @@ def varying_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, s
 
 
 @exact(inline=True)
-def combined(moments, row, cosine, sine):
-    """Return a moment of the pressure at an instant."""
+def combined(moments, row, cosine, sine, slip):
+    """Return a moment of the pressure at an instant, of as many parts as ``slip`` has lanes."""
     return (
-        load(moments, row * LANES) + cosine * load(moments, (row + 1) * LANES) + sine * load(moments, (row + 2) * LANES)
+        load_like(slip, moments, row * LANES) + cosine * load_like(slip, moments, (row + 1) * LANES)
+        + sine * load_like(slip, moments, (row + 2) * LANES)
     )  # fmt: skip
 
 
 @exact(inline=True)
 def rotated_moment(moments, row, cosine, sine, x, y):
     """Return a complex moment of the pressure at an instant, times ``x + i y``."""
-    re, im = combined(moments, row, cosine, sine), combined(moments, row + 3, cosine, sine)
+    re, im = combined(moments, row, cosine, sine, x), combined(moments, row + 3, cosine, sine, x)
     return x * re - y * im, x * im + y * re
 
 
 @exact(inline=True)
 def expanded_wrench(moments, cosine, sine, ux, uy, spin):
-    """Compute force and torque of eight parts from the moments of their pressure.
+    """Compute force and torque of a register of parts, or of eight, from the moments of their pressure.
 
     The series is truncated after the fourth order of ``rho = omega r / |u|`` in force, and the third in torque. Terms are
     grouped by their angular order ``k = a - b``: powers of ``i conj(u)`` rotate the moments into the frame of slip, where each
@@ -118,7 +119,8 @@ def expanded_wrench(moments, cosine, sine, ux, uy, spin):
     x3, y3 = x2 * uy - y2 * ux, x2 * ux + y2 * uy
     x4, y4 = x2 * x2 - y2 * y2, 2.0 * (x2 * y2)
     m00, m11, m22 = (
-        combined(moments, 0, cosine, sine), combined(moments, 3, cosine, sine), combined(moments, 6, cosine, sine),
+        combined(moments, 0, cosine, sine, ux), combined(moments, 3, cosine, sine, ux),
+        combined(moments, 6, cosine, sine, ux),
     )  # fmt: skip
     re10, im10 = rotated_moment(moments, 9, cosine, sine, uy, ux)
     re21, im21 = rotated_moment(moments, 15, cosine, sine, uy, ux)
@@ -161,7 +163,7 @@ def limits(table, body):
 
 @exact
 def slide_by_series(table, step, moments, pose, velocity, own):
-    """Take all substeps of a step for every lane.
+    """Take all substeps of a step for the lanes of a register; arrays start at its first lane.
 
     Args:
         moments: flat (row, lane), of the pressure.
@@ -171,18 +173,18 @@ def slide_by_series(table, step, moments, pose, velocity, own):
     """
     h, speed = step.h, table.speed
     eighth = 0.125 * h
-    friction, turn = load(own, 2 * LANES), load(own, 3 * LANES)
-    px, py = load(own, 4 * LANES), load(own, 5 * LANES)
-    x, y, heading = load(pose, 0), load(pose, LANES), load(pose, 2 * LANES)
-    vx, vy, spin = load(velocity, 0), load(velocity, LANES), load(velocity, 2 * LANES)
-    least, most, node = broadcast(math.inf), broadcast(0.0), step.node
+    friction, turn = load_register(own, 2 * LANES), load_register(own, 3 * LANES)
+    px, py = load_register(own, 4 * LANES), load_register(own, 5 * LANES)
+    x, y, heading = load_register(pose, 0), load_register(pose, LANES), load_register(pose, 2 * LANES)
+    vx, vy, spin = load_register(velocity, 0), load_register(velocity, LANES), load_register(velocity, 2 * LANES)
+    least, most, node = broadcast_register(math.inf), broadcast_register(0.0), step.node
     for _ in range(step.substeps):
         # Increments of velocity of the last stage (d) and of the one before (e).
-        dx, dy, dw = broadcast(0.0), broadcast(0.0), broadcast(0.0)
-        ex, ey, ew = broadcast(0.0), broadcast(0.0), broadcast(0.0)
+        dx, dy, dw = broadcast_register(0.0), broadcast_register(0.0), broadcast_register(0.0)
+        ex, ey, ew = broadcast_register(0.0), broadcast_register(0.0), broadcast_register(0.0)
         # Sums of the stages' accelerations: a + 2 b + c, and a + 3 b + 3 c + d.
-        way_x, way_y, way_w = broadcast(0.0), broadcast(0.0), broadcast(0.0)
-        gain_x, gain_y, gain_w = broadcast(0.0), broadcast(0.0), broadcast(0.0)
+        way_x, way_y, way_w = broadcast_register(0.0), broadcast_register(0.0), broadcast_register(0.0)
+        gain_x, gain_y, gain_w = broadcast_register(0.0), broadcast_register(0.0), broadcast_register(0.0)
         for stage in range(4):
             c, s = step.cosine[node + stage], step.sine[node + stage]
             fx, fy, fw, square, varies = expanded_wrench(
