@@ -113,3 +113,34 @@ def test_correction_of_overlap_stays_within_its_linear_range():
     lanes = island.scene.workspace.pose.shape[1] // 3
     after = gaps_between(parts, island.scene.workspace.pose[0].reshape(3, lanes)[None, :, :3].swapaxes(1, 2))[0]
     assert min(after[0, 1], after[1, 2]) > -overlap - SLOP
+
+
+@jit(allocates=True)
+def solved_after(island, pairs, h, arms, force):
+    """Take a step of the solver after one in which the first point had these arms and this normal force."""
+    island = reference(island)
+    begin_contacts(island)
+    island.contacts.close[:] = True
+    count, _ = find_contacts(island, pairs, pairs.shape[0], h)
+    solver = island.solver
+    solver.last_count[0], solver.last_force[0, 0] = 1, force
+    for k in range(2):
+        solver.last_body[0, k], solver.last_hull[0, k] = solver.points.body[0, k], solver.hull[0, k]
+        solver.last_place[0, k] = solver.place[0, k]
+    for k in range(6):
+        solver.last_arms[0, k] = arms[k]
+    solve(island, count, h)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5 * math.pi])
+def test_forces_of_the_last_step_add_no_energy(turn):
+    """Two discs in touch at rest, with a last force along the line between them, or across it.
+
+    Along it the impulse is taken back. Half of an impulse across it cannot be: it would leave the discs moving.
+    """
+    island, force = island_of([DISC, DISC], ()), 20.0
+    enter(island, np.array([[0.4, 0.4, 0.0], [0.44 - OVERLAP, 0.4, 0.0]]), np.zeros((2, 3)))
+    arms = np.array([math.cos(turn), math.sin(turn), 0.0, 0.0, 0.02, 0.02])
+    solved_after(island, np.array([[0, 1]]), H, arms, force)
+    assert 0.5 * force * H / DISC.mass > 0.1  # m/s, by half of the impulse
+    assert abs(island.scene.workspace.velocity[0]).max() < 1e-3
