@@ -18,6 +18,7 @@ COMMANDS = {
     "verify": Entry("agents.evaluation.verify", "play a sample of published results and test every figure"),
     "train": Entry("agents.train", "train a policy, or continue from its last checkpoint"),
     "tabulate": Entry("agents.tabulate", "evaluate the seeds of trained agents, write their table, ship the best"),
+    "range": Entry("agents.served", "measure which parts trained agents serve, and store it in their files"),
     "tune": Entry("agents.tune", "tune hyperparameters, or continue a study"),
     "record": Entry("agents.recording.record", "record episodes of a policy as a Minari data set"),
     "replay": Entry("agents.recording.replay", "replay the episodes of a data set, bit for bit"),

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from vibgym import Surface, checks
 from vibgym.actuators import ACTUATORS, DataSheet
 from vibgym.policies.task_info import POLICIES, TaskInfo
-from vibgym.policies.trained.trained import ANY, RESIDUAL, serves_surface
+from vibgym.policies.trained.trained import ANY, RANGE, RESIDUAL, check_range, serves_surface
 from vibgym.settings import BaseSettings
 
 SHIPPED = Path(__file__).parent / "shipped"
@@ -30,6 +30,7 @@ class Agent(NamedTuple):
     surface: Any  # see trained.serves_surface()
     parts: Any  # number of them, or ANY
     kind: str  # of the policy: "trained" or "residual"
+    range: Any  # see trained.check_range()
 
     def __str__(self) -> str:
         parts = "any number of parts" if self.parts == ANY else f"{self.parts} part{'s' * (self.parts != 1)}"
@@ -92,7 +93,9 @@ def _agent(path: Path) -> Agent:
     hardware = hardware_of(ACTUATORS.make("actuators", actuators, surface, 1, 1).data_sheet, surface)
     variant = "-".join(word for word in path.stem.split("-") if word not in (tasks[0].lower(), hardware))
     kind = RESIDUAL if record.get(RESIDUAL) else "trained"
-    return Agent(path, tasks, hardware, record["action"], variant, record["surface"], record["parts"], kind)
+    return Agent(
+        path, tasks, hardware, record["action"], variant, record["surface"], record["parts"], kind, record.get(RANGE)
+    )
 
 
 def shipped_agent(
@@ -107,7 +110,7 @@ def shipped_agent(
         variant: such as ``"cloned"``; None: any.
 
     Raises:
-        ValueError: there is none; the message lists those of the task.
+        ValueError: there is none; the message lists those of the task, or says which part the usual agent does not serve.
     """
     if hardware is None:
         hardware = hardware_of(info.hardware, info.surface)
@@ -124,4 +127,12 @@ def shipped_agent(
         scene = f"{info.name} ({hardware}, parts: {len(info.parts)}, {surface}{named})"
         have = "; ".join(map(str, mine or shipped_agents()))
         raise checks.conflict(f"policy 'learned' has no agent for {scene}; shipped: {have}")
-    return min(fitting, key=lambda agent: (agent.variant, agent.tasks.index(info.name)))
+    refusals: list[checks.Refused] = []
+    for agent in sorted(fitting, key=lambda agent: (agent.variant, agent.tasks.index(info.name))):
+        try:
+            check_range(f"the agent {agent.path.stem}", agent.range, info.parts)
+        except checks.Refused as refusal:
+            refusals.append(refusal)
+        else:
+            return agent
+    raise refusals[0]

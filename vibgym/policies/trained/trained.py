@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vibgym import Surface, checks
+from vibgym import Part, Surface, checks
 from vibgym.envs.actions import actions_by_part
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import CODES, Coding, ImageCoding
@@ -31,6 +31,15 @@ exactly the nominal one. Tests of shipped agents at 24 and 26 Hz are in tests/po
 
 RESIDUAL = "residual"
 """Key of a policy file that names the base policy and the scale of a correction."""
+
+RANGE = "range"
+"""Key of a policy file with the smallest and largest friction, radius (m) and mass (kg) of parts that it serves; those that
+are not stated do not matter."""
+
+RANGES = ("friction", "radius", "mass")
+
+ROUNDING = 0.006
+"""Relative rounding of stored ranges."""
 
 FLOW = "flow"
 """Key of a policy file with the settings of a :class:`.flow.FlowPolicy`."""
@@ -126,6 +135,22 @@ def file_of(path: str | Path, info: TaskInfo) -> Path:
     return Path(str(path).replace("{task}", info.name.lower()))
 
 
+def check_range(name: str, ranges: Any, parts: Sequence[Part]) -> None:
+    """Raise ValueError for parts outside the ranges of a policy file; None: none are stated."""
+    if ranges is None:
+        return
+    if not isinstance(ranges, dict) or not ranges.keys() <= set(RANGES):
+        raise checks.refuse(f"{name}: {RANGE}", ranges, f"a mapping with {', '.join(RANGES)}")
+    for of, ends in ranges.items():
+        if not (isinstance(ends, list) and len(ends) == 2 and all(isinstance(end, float | int) for end in ends)):
+            raise checks.refuse(f"{name}: {RANGE}.{of}", ends, "[lowest, highest]")
+        for part in parts:
+            value = getattr(part, of)
+            if not ends[0] * (1.0 - ROUNDING) <= value <= ends[1] * (1.0 + ROUNDING):
+                served = f"{ends[0]:g} to {ends[1]:g}, for which {name} succeeds"
+                raise checks.refuse(f"{of} of part {part.name!r}", float(value), served)
+
+
 def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | FlowPolicy:
     """Load a policy file and check that it fits.
 
@@ -160,6 +185,7 @@ def network_of(
         raise checks.refuse(f"{name}: surface", surface, f"{described(info.surface)!r}, as this scene has it")
     if parts not in (ANY, len(info.parts)) or isinstance(parts, bool):  # True would be 1 part
         raise checks.refuse(f"{name}: parts", parts, f"{len(info.parts)!r}, as this scene has it")
+    check_range(name, record.get(RANGE), info.parts)
     network = checks.choice(f"{name}: network", record.get("network"), tuple(ACTING))
     action = checks.choice(f"{name}: action", record.get("action"), (*actions_by_part(), *CODES))
     columns = record.get("columns")

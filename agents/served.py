@@ -1,0 +1,254 @@
+"""The parts that a trained policy serves: measured by success, stored in its file, checked when the policy is made.
+
+``python -m agents range vibgym/policies/trained/shipped/*.json``
+
+Friction, size and mass of all parts are first varied alone, outwards from the parts of the policy's tasks, until episodes fail.
+Then scenes are drawn from inside all ranges at once, and from the frequencies that the file states. While these fail more often
+than they may, the range whose end has most of the failures is shortened by a tenth of the scenes (patient rule induction,
+Friedman and Fisher, "Bump hunting in high-dimensional data", Statistics and Computing 1999).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.command_line import Command
+from agents.learning_curve import RATE
+from vibgym import Part, checks
+from vibgym.envs.drawn import DRAWN
+from vibgym.envs.vector import batch_of
+from vibgym.policies.applicable import usual_parts
+from vibgym.policies.rollout import rollout
+from vibgym.policies.trained.storage import load_set, save_set
+from vibgym.policies.trained.trained import FREQUENCY, KIND, RANGE, RANGES, RESIDUAL, VERSION
+from vibgym.registration import ENVIRONMENTS
+from vibgym.scene.library import SPLITS, shapes
+from vibgym.scene.parts import part_from
+
+SUCCESS = 0.985
+"""Share of the episodes inside the ranges that shall succeed, or that of the parts of training if it is smaller."""
+
+RATE_SHARE = 0.9
+"""Of the good parts per minute with the parts of training, where parts come and go: fewer are a failure."""
+
+FACTORS = (1.15, 1.3, 1.5, 1.75, 2.0, 2.5, 3.0)
+"""Tried outwards, and their inverses."""
+
+EPISODES, SCENES, WORLDS = 60, 120, 3
+"""Episodes of the parts of training and of each factor; random scenes, and episodes of each."""
+
+FLOWING = 6, 40, 1
+"""The same where parts come and go: such an episode has hundreds of parts."""
+
+PEEL, KEPT = 0.1, 0.4
+"""Share of the scenes by which a range is shortened; share of those drawn that is left when new ones are drawn."""
+
+FIRST_SEED = 220_000
+"""In the range "evaluation" of :mod:`vibgym.seeds`."""
+
+Ranges = dict[str, list[float]]
+"""Lowest and highest value by property."""
+
+
+def varied(part: Any, friction: float, radius: float, mass: float) -> dict[str, Any]:
+    """Return the settings of a part of an environment with factors on its properties; drawn shapes keep their masses."""
+    drawn = isinstance(part, Mapping) and part.get("shape") == DRAWN
+    given = {"friction": nominal(part).friction, **part} if drawn else part_from(part).to_dict()
+    lengths = dict.fromkeys(("radius", "height", "centre_height", "vertices", "holes", "size"), radius)
+    for name, factor in {**lengths, "friction": friction, "static_friction": friction, "mass": mass}.items():
+        if name == "holes" and name in given:
+            given[name] = [(factor * np.asarray(ring)).tolist() for ring in given[name]]
+        elif name in given:
+            given[name] = (factor * np.asarray(given[name])).tolist()
+    return given
+
+
+class Drawn(NamedTuple):
+    """A random scene: lowest and highest value of its parts by property, and its episodes."""
+
+    spans: dict[str, tuple[float, float]]
+    outcome: np.ndarray
+
+
+class Range:
+    """Measurement of one policy file.
+
+    Args:
+        path: of the file.
+        folder: for a copy of it without ranges.
+
+    Attributes:
+        task: of training.
+        own: {property: (lowest, highest)} of the parts of all its tasks, of properties that are varied.
+        fixed: the same of those that are not.
+        least: smallest measure (success rate, or good parts a minute) of a policy that serves.
+
+    Raises:
+        ValueError: not a policy file, or no environment with a step limit.
+    """
+
+    def __init__(self, path: Path, folder: Path) -> None:
+        tensors, record = load_set(path, KIND, VERSION)
+        content = {key: value for key, value in record.items() if key not in ("tensors", "sha256", RANGE)}
+        save_set(folder / path.name, KIND, tensors, content, VERSION)
+        self.policy = {"kind": RESIDUAL if record.get(RESIDUAL) else "trained", "path": str(folder / path.name)}
+        self.task, trained_in = record["tasks"][0], record["training"]["settings"]["environment"]
+        self.scene = {name: trained_in[name] for name in ("actuators", "sensor", "split") if name in trained_in}
+        self.parts = usual_parts(f"vibgym/{self.task}-v0")
+        self.kinds = list({json.dumps(part, sort_keys=True): part for part in self.parts}.values())
+        stated = record["surface"]["frequency"]
+        self.frequency = stated if isinstance(stated, list) else [stated * (1.0 + sign * FREQUENCY) for sign in (-1, 1)]
+        every = [part for task in record["tasks"] for part in kinds_in(task)]
+        # Mass matters in contacts only; drawn shapes have the sizes of their library.
+        names = RANGES[: 2 if len(self.parts) == 1 else 3]
+        own = {name: ends([getattr(part, name) for part in every]) for name in names}
+        fixed = RANGES[1:] if "split" in self.scene else ()
+        self.own = {name: span for name, span in own.items() if name not in fixed}
+        self.fixed = {name: list(span) for name, span in own.items() if name in fixed}
+        usual = self.measure({}, FLOWING[0])
+        flows = usual.max() > 1.0  # good parts a minute, not success
+        self.episodes, self.count, self.worlds = FLOWING if flows else (EPISODES, SCENES, WORLDS)
+        usual = self.measure({}, self.episodes)
+        self.least = RATE_SHARE * usual.mean() if flows else min(SUCCESS, usual.mean())
+
+    def measure(
+        self, factors: Mapping[str, Mapping[str, float]], episodes: int, first: int = 0, **surface: float
+    ) -> np.ndarray:
+        """Return success, or good parts a minute, of episodes with factors on the properties of each kind."""
+        parts = self.parts
+        if factors:
+            parts = [varied(part, **factors[json.dumps(part, sort_keys=True)]) for part in self.parts]
+        scene: dict[str, Any] = {**self.scene, "parts": parts} | ({"surface": surface} if surface else {})
+        seeds = range(FIRST_SEED + first, FIRST_SEED + first + episodes)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about densities
+            result = rollout(self.policy, self.task, seeds=seeds, **scene)
+        rate = result.reported(RATE)
+        return np.where(np.isfinite(rate), rate, result.success)
+
+    def serves(self, factors: Mapping[str, Mapping[str, float]]) -> bool:
+        """Return whether episodes with these factors do as well as they shall; not if the task refuses the parts."""
+        try:
+            return bool(self.measure(factors, self.episodes).mean() >= self.least)
+        except checks.Refused:
+            return False
+
+    def alone(self) -> Ranges:
+        """Return the range of each property, varied alone."""
+        ranges = {}
+        for name, own in self.own.items():
+            reached = list(own)
+            for end, power in enumerate((-1.0, 1.0)):
+                for factor in FACTORS:
+                    same = dict.fromkeys(RANGES, 1.0) | {name: factor**power}
+                    if not self.serves({json.dumps(kind, sort_keys=True): same for kind in self.kinds}):
+                        break
+                    reached[end] = own[end] * factor**power
+            ranges[name] = reached
+        return ranges
+
+    def scenes(self, ranges: Ranges, generator: np.random.Generator) -> Iterator[Drawn]:
+        """Play random scenes with parts and frequencies in the ranges; yield those that the task accepts."""
+        for k in range(self.count):
+            factors, values = {}, []
+            for kind in self.kinds:
+                drawn = {name: float(np.exp(generator.uniform(*np.log(span)))) for name, span in ranges.items()}
+                usual = nominal(kind)
+                own = {name: value / getattr(usual, name) for name, value in drawn.items()}
+                factors[json.dumps(kind, sort_keys=True)] = dict.fromkeys(RANGES, 1.0) | own
+                values.append(drawn)
+            frequency = float(generator.uniform(*self.frequency))
+            try:
+                outcome = self.measure(factors, self.worlds, self.episodes + self.worlds * k, frequency=frequency)
+            except checks.Refused:
+                continue
+            yield Drawn({name: ends([drawn[name] for drawn in values]) for name in ranges}, outcome)
+
+    def together(self) -> Ranges:
+        """Return ranges inside which random scenes do as well as they shall."""
+        ranges, generator = self.alone(), np.random.default_rng(0)
+        while True:
+            scenes = list(self.scenes(ranges, generator))
+            if scenes and np.concatenate([scene.outcome for scene in scenes]).mean() >= self.least:
+                return ranges
+            shorter = self.peeled(ranges, scenes)
+            if shorter == ranges:
+                return {name: list(own) for name, own in self.own.items()}
+            ranges = shorter
+
+    def peeled(self, ranges: Ranges, scenes: Sequence[Drawn]) -> Ranges:
+        """Return shorter ranges, in which fewer of the scenes fail; they contain the parts of the tasks."""
+        ranges = {name: list(span) for name, span in ranges.items()}
+        kept = list(scenes)
+        while len(kept) > KEPT * len(scenes) and np.mean([scene.outcome.mean() for scene in kept]) < self.least:
+            cuts = []
+            for name, own in self.own.items():
+                low, high = np.quantile([scene.spans[name] for scene in kept], (PEEL, 1.0 - PEEL), axis=0)
+                for end, limit in enumerate((min(float(low[0]), own[0]), max(float(high[1]), own[1]))):
+                    inside = [scene for scene in kept if (scene.spans[name][end] >= limit) != bool(end)]
+                    if 0 < len(inside) < len(kept):
+                        cuts.append((np.mean([scene.outcome.mean() for scene in inside]), name, end, limit, inside))
+            if not cuts:
+                break
+            _, name, end, limit, kept = max(cuts, key=lambda cut: cut[:3])
+            ranges[name][end] = limit
+        return ranges
+
+
+def ends(values: Sequence[float]) -> tuple[float, float]:
+    """Return the smallest and the largest value."""
+    return min(values), max(values)
+
+
+def kinds_in(task: str) -> Sequence[Part]:
+    """Return the kinds of parts of an environment, with drawn shapes of all splits."""
+    splits = [{"split": split} for split in SPLITS] if "split" in ENVIRONMENTS[task][1] else [{}]
+    every: list[Part] = []
+    for split in splits:
+        env: Any = batch_of(task, num_envs=1, **split)
+        every += env.unwrapped.core.kinds.every
+        env.close()
+    return every
+
+
+def nominal(part: Any) -> Part:
+    """Return a part of an environment; of drawn shapes one of the library with the friction of the part."""
+    if isinstance(part, Mapping) and part.get("shape") == DRAWN:
+        shape = shapes("train")[0]
+        return replace(shape, friction=part.get("friction", shape.friction))
+    return part_from(part)
+
+
+def measured(path: Path) -> Ranges:
+    """Return the ranges of a policy file: friction, radius (m), and with several parts mass (kg)."""
+    with tempfile.TemporaryDirectory() as folder:
+        agent = Range(path, Path(folder))
+        ranges = agent.together() | agent.fixed
+    return {name: [float(f"{end:.3g}") for end in span] for name, span in ranges.items()}
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``range``."""
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="policy files, which get the ranges")
+
+
+def command(args: argparse.Namespace) -> None:
+    """Measure the ranges of policy files and store them."""
+    for path in args.files:
+        ranges = measured(path)
+        tensors, record = load_set(path, KIND, VERSION)
+        content = {key: value for key, value in record.items() if key not in ("tensors", "sha256")}
+        save_set(path, KIND, tensors, {**content, RANGE: ranges}, VERSION)
+        print(f"{path}: " + ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in ranges.items()))
+
+
+COMMANDS = {"range": Command(arguments, command)}
