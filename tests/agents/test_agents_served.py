@@ -14,6 +14,7 @@ from agents.__main__ import main
 from agents.served import RANGES, Range, varied
 from tests.policies.helpers import FRESH, HARDWARE, info_of
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.catalogue import SHIPPED, shipped_agents
 from vibgym.scene.parts import Part, part_from
@@ -102,6 +103,15 @@ def test_agents_refuse_parts_that_they_cannot_move_and_say_which(task, hardware)
         with pytest.raises(ValueError, match=rf"^{name} of part 'disc' must be [\d.]+ to [\d.]+, .*, got [\d.]+$"):
             make_policy("learned", info)
         assert make_policy("pose", info).predict
+
+
+@pytest.mark.parametrize("task", ["Align", "Transport"])
+def test_discs_that_are_smaller_than_the_smallest_part_with_a_heading_are_served(task):
+    small = {"shape": "disc", "radius": 0.01, "friction": 0.6}
+    assert rollout("learned", task, seeds=range(FRESH, FRESH + 40), parts=[small]).success.mean() >= 0.95
+    block = {"shape": "rectangle", "length": 0.016, "width": 0.011, "friction": 0.6}
+    with pytest.raises(ValueError, match="radius of part"):
+        make_policy("learned", info_of(task, parts=[block]))
 
 
 def test_agents_of_one_part_state_ranges_and_all_ranges_contain_the_parts_of_their_tasks():

@@ -136,7 +136,10 @@ def file_of(path: str | Path, info: TaskInfo) -> Path:
 
 
 def check_range(name: str, ranges: Any, parts: Sequence[Part]) -> None:
-    """Raise ValueError for parts outside the ranges of a policy file; None: none are stated."""
+    """Raise ValueError for parts outside the ranges of a policy file; None: none are stated.
+
+    The smallest radius is that of parts with a heading: small ones are hard to turn. Discs may be smaller.
+    """
     if ranges is None:
         return
     if not isinstance(ranges, dict) or not ranges.keys() <= set(RANGES):
@@ -145,8 +148,8 @@ def check_range(name: str, ranges: Any, parts: Sequence[Part]) -> None:
         if not (isinstance(ends, list) and len(ends) == 2 and all(isinstance(end, float | int) for end in ends)):
             raise checks.refuse(f"{name}: {RANGE}.{of}", ends, "[lowest, highest]")
         for part in parts:
-            value = getattr(part, of)
-            if not ends[0] * (1.0 - ROUNDING) <= value <= ends[1] * (1.0 + ROUNDING):
+            value, low = getattr(part, of), 0.0 if of == "radius" and part.symmetry == 0 else ends[0]
+            if not low * (1.0 - ROUNDING) <= value <= ends[1] * (1.0 + ROUNDING):
                 served = f"{ends[0]:g} to {ends[1]:g}, for which {name} succeeds"
                 raise checks.refuse(f"{of} of part {part.name!r}", float(value), served)
 
