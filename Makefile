@@ -228,7 +228,6 @@ train: $(LEARN)
 	$(if $(OPEN),$(call train,configs/agents/generalist.yaml,AlignShapes/generalist,$(SEEDS)))
 	$(if $(OPEN),$(call train,configs/agents/generalist.yaml,SortShapes/taught SortShapes/generalist PackShapes/taught PackShapes/generalist,0))
 	$(if $(OPEN),$(call train,configs/agents/constrained.yaml,Swap/gentle,$(OPEN_SEEDS)))
-	$(PY) -m agents range vibgym/policies/trained/shipped/*.json
 
 compare: $(REPORT)
 	$(PY) -m agents compare configs/comparisons/agents.yaml

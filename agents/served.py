@@ -5,12 +5,14 @@
 Friction, size and mass of all parts are first varied alone, outwards from the parts of the policy's tasks, until episodes fail.
 Then scenes are drawn from inside all ranges at once, and from the frequencies that the file states. While these fail more often
 than they may, the range whose end has most of the failures is shortened by a tenth of the scenes (patient rule induction,
-Friedman and Fisher, "Bump hunting in high-dimensional data", Statistics and Computing 1999).
+Friedman and Fisher, "Bump hunting in high-dimensional data", Statistics and Computing 1999). The same is done with discs in
+place of the parts, which need not turn. Scenes have the hardware of training, the planar model and certified contacts.
 """
 
 from __future__ import annotations
 
 import argparse
+import copy
 import json
 import tempfile
 import warnings
@@ -29,10 +31,11 @@ from vibgym.envs.vector import batch_of
 from vibgym.policies.applicable import usual_parts
 from vibgym.policies.rollout import rollout
 from vibgym.policies.trained.storage import load_set, save_set
-from vibgym.policies.trained.trained import FREQUENCY, KIND, RANGE, RANGES, RESIDUAL, VERSION
+from vibgym.policies.trained.trained import DISCS, FREQUENCY, KIND, PARTS, RANGE, RANGES, RESIDUAL, VERSION
 from vibgym.registration import ENVIRONMENTS
 from vibgym.scene.library import SPLITS, shapes
 from vibgym.scene.parts import part_from
+from vibgym.tasks import TASKS
 
 SUCCESS = 0.985
 """Share of the episodes inside the ranges that shall succeed, or that of the parts of training if it is smaller."""
@@ -40,7 +43,7 @@ SUCCESS = 0.985
 RATE_SHARE = 0.9
 """Of the good parts per minute with the parts of training, where parts come and go: fewer are a failure."""
 
-FACTORS = (1.15, 1.3, 1.5, 1.75, 2.0, 2.5, 3.0)
+FACTORS = (1.15, 1.3, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0)
 """Tried outwards, and their inverses."""
 
 EPISODES, SCENES, WORLDS = 60, 120, 3
@@ -101,32 +104,43 @@ class Range:
         content = {key: value for key, value in record.items() if key not in ("tensors", "sha256", RANGE)}
         save_set(folder / path.name, KIND, tensors, content, VERSION)
         self.policy = {"kind": RESIDUAL if record.get(RESIDUAL) else "trained", "path": str(folder / path.name)}
-        self.task, trained_in = record["tasks"][0], record["training"]["settings"]["environment"]
+        tasks = [checks.choice(f"{path}: tasks", task, tuple(ENVIRONMENTS)) for task in record["tasks"]]
+        self.task, trained_in = tasks[0], record["training"]["settings"]["environment"]
         self.scene = {name: trained_in[name] for name in ("actuators", "sensor", "split") if name in trained_in}
-        self.parts = usual_parts(f"vibgym/{self.task}-v0")
-        self.kinds = list({json.dumps(part, sort_keys=True): part for part in self.parts}.values())
         stated = record["surface"]["frequency"]
         self.frequency = stated if isinstance(stated, list) else [stated * (1.0 + sign * FREQUENCY) for sign in (-1, 1)]
-        every = [part for task in record["tasks"] for part in kinds_in(task)]
-        # Mass matters in contacts only; drawn shapes have the sizes of their library.
-        names = RANGES[: 2 if len(self.parts) == 1 else 3]
-        own = {name: ends([getattr(part, name) for part in every]) for name in names}
-        fixed = RANGES[1:] if "split" in self.scene else ()
+        self.parts = usual_parts(f"vibgym/{self.task}-v0")
+        own = self._ends([part for task in tasks for part in kinds_in(task)])
+        fixed = RANGES[1:] if "split" in self.scene else ()  # drawn shapes have the sizes of their library
         self.own = {name: span for name, span in own.items() if name not in fixed}
         self.fixed = {name: list(span) for name, span in own.items() if name in fixed}
-        usual = self.measure({}, FLOWING[0])
-        flows = usual.max() > 1.0  # good parts a minute, not success
+        flows = TASKS[ENVIRONMENTS[self.task][1]["task"]].continuous_feed  # no success, but good parts a minute
         self.episodes, self.count, self.worlds = FLOWING if flows else (EPISODES, SCENES, WORLDS)
-        usual = self.measure({}, self.episodes)
-        self.least = RATE_SHARE * usual.mean() if flows else min(SUCCESS, usual.mean())
+        usual = self.measure({}, self.episodes).mean()
+        self.least = RATE_SHARE * usual if flows else min(SUCCESS, usual)
+
+    def _ends(self, parts: Sequence[Part]) -> dict[str, tuple[float, float]]:
+        """Return the smallest and largest properties of parts; mass matters in contacts only."""
+        names = RANGES[: 2 if len(self.parts) == 1 else 3]
+        return {name: ends([getattr(part, name) for part in parts]) for name in names}
+
+    @property
+    def kinds(self) -> dict[str, Any]:
+        """The different parts, by :func:`name_of`."""
+        return {name_of(part): part for part in self.parts}
+
+    def with_discs(self) -> Range:
+        """Return the same measurement with discs of the same properties as parts."""
+        other = copy.copy(self)
+        other.parts = [as_disc(part) for part in self.parts]
+        other.own = other._ends([part_from(part) for part in other.parts])
+        return other
 
     def measure(
         self, factors: Mapping[str, Mapping[str, float]], episodes: int, first: int = 0, **surface: float
     ) -> np.ndarray:
-        """Return success, or good parts a minute, of episodes with factors on the properties of each kind."""
-        parts = self.parts
-        if factors:
-            parts = [varied(part, **factors[json.dumps(part, sort_keys=True)]) for part in self.parts]
+        """Return success, or good parts a minute, of episodes with factors on the properties of each kind; {}: none."""
+        parts = [varied(part, **factors[name_of(part)]) for part in self.parts] if factors else self.parts
         scene: dict[str, Any] = {**self.scene, "parts": parts} | ({"surface": surface} if surface else {})
         seeds = range(FIRST_SEED + first, FIRST_SEED + first + episodes)
         with warnings.catch_warnings():
@@ -150,7 +164,7 @@ class Range:
             for end, power in enumerate((-1.0, 1.0)):
                 for factor in FACTORS:
                     same = dict.fromkeys(RANGES, 1.0) | {name: factor**power}
-                    if not self.serves({json.dumps(kind, sort_keys=True): same for kind in self.kinds}):
+                    if not self.serves(dict.fromkeys(self.kinds, same)):
                         break
                     reached[end] = own[end] * factor**power
             ranges[name] = reached
@@ -160,11 +174,11 @@ class Range:
         """Play random scenes with parts and frequencies in the ranges; yield those that the task accepts."""
         for k in range(self.count):
             factors, values = {}, []
-            for kind in self.kinds:
+            for name_of_kind, kind in self.kinds.items():
                 drawn = {name: float(np.exp(generator.uniform(*np.log(span)))) for name, span in ranges.items()}
                 usual = nominal(kind)
                 own = {name: value / getattr(usual, name) for name, value in drawn.items()}
-                factors[json.dumps(kind, sort_keys=True)] = dict.fromkeys(RANGES, 1.0) | own
+                factors[name_of_kind] = dict.fromkeys(RANGES, 1.0) | own
                 values.append(drawn)
             frequency = float(generator.uniform(*self.frequency))
             try:
@@ -193,8 +207,8 @@ class Range:
             cuts = []
             for name, own in self.own.items():
                 low, high = np.quantile([scene.spans[name] for scene in kept], (PEEL, 1.0 - PEEL), axis=0)
-                for end, limit in enumerate((min(float(low[0]), own[0]), max(float(high[1]), own[1]))):
-                    inside = [scene for scene in kept if (scene.spans[name][end] >= limit) != bool(end)]
+                for end, limit, sign in ((0, min(float(low[0]), own[0]), 1.0), (1, max(float(high[1]), own[1]), -1.0)):
+                    inside = [scene for scene in kept if sign * (scene.spans[name][end] - limit) >= 0.0]
                     if 0 < len(inside) < len(kept):
                         cuts.append((np.mean([scene.outcome.mean() for scene in inside]), name, end, limit, inside))
             if not cuts:
@@ -228,12 +242,45 @@ def nominal(part: Any) -> Part:
     return part_from(part)
 
 
-def measured(path: Path) -> Ranges:
-    """Return the ranges of a policy file: friction, radius (m), and with several parts mass (kg)."""
+def name_of(part: Any) -> str:
+    """Return a name of the settings of a part."""
+    return json.dumps(part, sort_keys=True)
+
+
+def as_disc(part: Any) -> dict[str, Any]:
+    """Return the settings of a disc with the properties of a part."""
+    given = part_from(part).to_dict()
+    return {name: value for name, value in given.items() if name not in ("vertices", "holes")} | {
+        "shape": "disc",
+        "radius": part_from(part).radius,
+    }
+
+
+def measured(path: Path) -> dict[str, Ranges | None]:
+    """Return the ranges of a policy file, see :func:`vibgym.policies.trained.trained.check_range`."""
     with tempfile.TemporaryDirectory() as folder:
         agent = Range(path, Path(folder))
-        ranges = agent.together() | agent.fixed
-    return {name: [float(f"{end:.3g}") for end in span] for name, span in ranges.items()}
+        found: dict[str, Ranges | None] = {PARTS: agent.together() | agent.fixed}
+        if not agent.fixed:
+            discs = agent.with_discs()
+            found[DISCS] = discs.together() if discs.serves({}) else None
+    return {
+        kind: None if ranges is None else {name: [float(f"{end:.3g}") for end in span] for name, span in ranges.items()}
+        for kind, ranges in found.items()
+    }
+
+
+def store(path: Path) -> None:
+    """Measure the ranges of a policy file, store them in it, and print them."""
+    ranges = measured(path)
+    tensors, record = load_set(path, KIND, VERSION)
+    content = {key: value for key, value in record.items() if key not in ("tensors", "sha256")}
+    save_set(path, KIND, tensors, {**content, RANGE: ranges}, VERSION)
+    for kind, spans in ranges.items():
+        told = (
+            "none" if spans is None else ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in spans.items())
+        )
+        print(f"{path}: {kind}: {told}")
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -244,11 +291,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def command(args: argparse.Namespace) -> None:
     """Measure the ranges of policy files and store them."""
     for path in args.files:
-        ranges = measured(path)
-        tensors, record = load_set(path, KIND, VERSION)
-        content = {key: value for key, value in record.items() if key not in ("tensors", "sha256")}
-        save_set(path, KIND, tensors, {**content, RANGE: ranges}, VERSION)
-        print(f"{path}: " + ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in ranges.items()))
+        store(path)
 
 
 COMMANDS = {"range": Command(arguments, command)}

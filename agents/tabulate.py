@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from agents import command_line
+from agents import command_line, served
 from agents.command_line import Command
 from agents.evaluation.plan import has_fast_contacts
 from agents.evaluation.statistics import bootstrap
@@ -31,6 +31,7 @@ from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import rollout
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
+from vibgym.registration import ENVIRONMENTS
 from vibgym.seeds import RANGES
 
 FIRST_SEED = 200_000
@@ -53,7 +54,7 @@ def tabulate(
     page: Path | None = None,
     ship: Path | None = None,
 ) -> list[dict[str, Any]]:
-    """Play all seeds of agents, write their table, and ship the best seed of each.
+    """Play all seeds of agents, write their table, and ship the best seed of each, with the parts that it serves.
 
     The best seed has the best row of its own learning curve, on other episodes than these. The learning curve
     (``curves/align-ideal-seed-0.csv``) and the policy (``policies/``) of every seed are copied.
@@ -97,7 +98,12 @@ def tabulate(
     write_together(files)
     if ship is not None:
         for row in new.loc[best].to_dict("records"):
-            _copy(Path(row["path"]), ship / f"{shipped_name(row['agent'])}.json")
+            path = ship / f"{shipped_name(row['agent'])}.json"
+            _copy(Path(row["path"]), path)
+            if all(task in ENVIRONMENTS for task in load_set(path, KIND, VERSION)[1]["tasks"]):
+                served.store(path)
+            else:
+                print(f"{path}: the parts that it serves are measured only in environments of vibgym")
     return rows.to_dict("records")
 
 

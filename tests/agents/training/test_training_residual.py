@@ -9,6 +9,7 @@ import pytest
 import torch
 import yaml
 
+from agents import served
 from agents.learning_curve import LearningCurve
 from agents.ppo import PPO
 from agents.tabulate import tabulate
@@ -73,7 +74,9 @@ def test_the_file_has_the_base_and_loads_with_no_other(hybrid):
         load_trained(path, info)
 
 
-def test_the_table_plays_the_hybrid(hybrid, tmp_path):
+def test_the_table_plays_the_hybrid(hybrid, tmp_path, monkeypatch):
+    for name, few in (("EPISODES", 2), ("SCENES", 2), ("WORLDS", 1), ("FACTORS", (1.15,))):
+        monkeypatch.setattr(served, name, few)
     older = {"agent": "Align/before", "seed": "0", "processor": "one", "threads": "1", "versions": "", "steps": "5"}
     former = {**older, "success": "1", "episodes": "2", "fallen": "0", "shipped": "True"}
     (tmp_path / "agents.csv").write_text(csv_text([former]))
@@ -81,7 +84,8 @@ def test_the_table_plays_the_hybrid(hybrid, tmp_path):
     rows = tabulate(hybrid[0], ["Align/hybrid"], [0], 2, tmp_path, page, ship=tmp_path / "shipped")
     assert rows[0]["success"] == 1.0  # as the base; the network alone would fail
     shipped = tmp_path / "shipped" / "align-hybrid.json"
-    assert json.loads(shipped.read_text())["residual"]["scale"] == 0.3
+    record = json.loads(shipped.read_text())
+    assert record["residual"]["scale"] == 0.3 and record["range"]["parts"]["friction"][0] <= 0.58
     assert [row["agent"] for row in rows_of(tmp_path / "agents.csv")] == ["Align/before", "Align/hybrid"]
     assert "| Align/before | 0 | 5 | – | 100.0 % |" in page.read_text()
     make_policy({"kind": "residual", "path": str(shipped)}, info_of("Align", action="wrench"))

@@ -33,10 +33,10 @@ RESIDUAL = "residual"
 """Key of a policy file that names the base policy and the scale of a correction."""
 
 RANGE = "range"
-"""Key of a policy file with the smallest and largest friction, radius (m) and mass (kg) of parts that it serves; those that
-are not stated do not matter."""
+"""Key of a policy file with the parts that it serves, see :func:`check_range`."""
 
-RANGES = ("friction", "radius", "mass")
+RANGES, PARTS, DISCS = ("friction", "radius", "mass"), "parts", "discs"
+"""Properties in these ranges, and keys of the ranges of parts and of discs."""
 
 ROUNDING = 0.006
 """Relative rounding of stored ranges."""
@@ -136,21 +136,40 @@ def file_of(path: str | Path, info: TaskInfo) -> Path:
 
 
 def check_range(name: str, ranges: Any, parts: Sequence[Part]) -> None:
-    """Raise ValueError for parts outside the ranges of a policy file; None: none are stated.
+    """Check that a policy serves parts.
 
-    The smallest radius is that of parts with a heading: small ones are hard to turn. Discs may be smaller.
+    Args:
+        name: of the policy or its file, for errors.
+        ranges: ``{"parts": {"friction": [lowest, highest], "radius": ..., "mass": ...}, "discs": {...}}``, in m and kg;
+            properties that are not stated do not matter. Discs have ranges of their own, since they need not turn; those of all
+            parts, if they have none, and None if the policy does not serve discs. None: nothing is stated.
+        parts: of the scene.
+
+    Raises:
+        ValueError: a part that is not served, or ranges of another form.
     """
     if ranges is None:
         return
-    if not isinstance(ranges, dict) or not ranges.keys() <= set(RANGES):
-        raise checks.refuse(f"{name}: {RANGE}", ranges, f"a mapping with {', '.join(RANGES)}")
-    for of, ends in ranges.items():
-        if not (isinstance(ends, list) and len(ends) == 2 and all(isinstance(end, float | int) for end in ends)):
-            raise checks.refuse(f"{name}: {RANGE}.{of}", ends, "[lowest, highest]")
-        for part in parts:
-            value, low = getattr(part, of), 0.0 if of == "radius" and part.symmetry == 0 else ends[0]
-            if not low * (1.0 - ROUNDING) <= value <= ends[1] * (1.0 + ROUNDING):
-                served = f"{ends[0]:g} to {ends[1]:g}, for which {name} succeeds"
+    if not isinstance(ranges, dict) or PARTS not in ranges or not ranges.keys() <= {PARTS, DISCS}:
+        raise checks.refuse(f"{name}: {RANGE}", ranges, f"a mapping with {PARTS!r} and {DISCS!r}")
+    for kind, spans in ranges.items():
+        if kind == DISCS and spans is None:
+            continue
+        if not isinstance(spans, dict):
+            raise checks.refuse(f"{name}: {RANGE}.{kind}", spans, f"a mapping of {', '.join(RANGES)}")
+        for of, ends in spans.items():
+            checks.choice(f"{name}: {RANGE}.{kind}", of, RANGES)
+            numbers = isinstance(ends, list) and len(ends) == 2 and all(isinstance(end, float | int) for end in ends)
+            if not (numbers and ends[0] <= ends[1]):
+                raise checks.refuse(f"{name}: {RANGE}.{kind}.{of}", ends, "[lowest, highest]")
+    for part in parts:
+        spans = ranges.get(DISCS, ranges[PARTS]) if part.symmetry == 0 else ranges[PARTS]
+        if spans is None:
+            raise checks.refuse(f"part {part.name!r}", "a disc", f"no disc, with which {name} fails")
+        for of, (low, high) in spans.items():
+            value = getattr(part, of)
+            if not low * (1.0 - ROUNDING) <= value <= high * (1.0 + ROUNDING):
+                served = f"{low:g} to {high:g}, for which {name} succeeds"
                 raise checks.refuse(f"{of} of part {part.name!r}", float(value), served)
 
 
