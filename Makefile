@@ -27,8 +27,8 @@ LEARNERS := $(addprefix $(VENV)-,$(addsuffix /.installed,benchmarl cleanrl lerob
 CONFIG ?= configs/agents/ppo.yaml
 AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
 # Those of the open tasks, each after the one it starts from; none if AGENTS is given.
-OPEN ?= $(if $(filter file,$(origin AGENTS)),Swap/taught Swap/first Swap/second Swap/ideal Swap/prototype SwapCrowded/taught SwapCrowded/first SwapCrowded/second SwapCrowded/ideal \
-	SwapCrowded/prototype PackFull/taught PackFull/first PackFull/second PackFull/third PackFull/fourth PackFull/ideal PackFull/tuned PackFull/prototype FeedHeaps/ideal \
+OPEN ?= $(if $(filter file,$(origin AGENTS)),Swap/taught Swap/first Swap/second Swap/third Swap/ideal SwapCrowded/taught SwapCrowded/first SwapCrowded/second SwapCrowded/third \
+	SwapCrowded/ideal PackFull/taught PackFull/first PackFull/second PackFull/third PackFull/fourth PackFull/ideal FeedHeaps/ideal \
 	FeedHeaps/prototype \
 	Feed/ideal Feed/prototype Pack/taught Pack/ideal Pack/prototype Push/hybrid Push/prototype)
 SEEDS ?= 0 1 2
@@ -227,7 +227,6 @@ train: $(LEARN)
 	$(if $(OPEN),$(call train,configs/agents/open.yaml,$(OPEN),$(OPEN_SEEDS)))
 	$(if $(OPEN),$(call train,configs/agents/generalist.yaml,AlignShapes/generalist,$(SEEDS)))
 	$(if $(OPEN),$(call train,configs/agents/generalist.yaml,SortShapes/taught SortShapes/generalist PackShapes/taught PackShapes/generalist,0))
-	$(if $(OPEN),$(call train,configs/agents/constrained.yaml,Swap/gentle,$(OPEN_SEEDS)))
 
 compare: $(REPORT)
 	$(PY) -m agents compare configs/comparisons/agents.yaml

@@ -138,6 +138,7 @@ class PartsLearner:
             "tasks": list(dict.fromkeys([info.name, *(serves.tasks or ())])),
             "surface": served(info.surface, serves),
             "parts": ANY if serves.parts == ANY else len(info.parts),
+            **({"hardware": ANY} if serves.hardware == ANY else {}),
             "columns": coding.columns,
             "turned": coding.turned,
             "history": coding.history,

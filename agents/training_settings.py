@@ -209,6 +209,9 @@ class ServesSettings(BaseSettings):
     parts: Literal["same", "any"] = "same"
     """Their number."""
 
+    hardware: Literal["same", "any"] = "same"
+    """ "any": ideal elements and others."""
+
 
 class UntilSettings(BaseSettings):
     """Condition that ends a stage of a curriculum: the first of those given that holds."""

@@ -40,6 +40,13 @@ def test_properties_are_varied_independently(part):
     assert other.mass == pytest.approx(0.5 * usual.mass) and other.symmetry == usual.symmetry
 
 
+@pytest.mark.parametrize("part", ["steel_block", {**HOLED, "friction": 0.5, "mass": 0.1}])
+def test_a_disc_in_place_of_a_part_has_its_area_and_other_properties(part):
+    usual, disc = part_from(part), part_from(served.as_disc(part))
+    assert disc.symmetry == 0 and disc.area == pytest.approx(usual.area) and disc.mass == usual.mass
+    assert disc.friction == usual.friction and disc.height == usual.height
+
+
 class Known(Range):
     """An agent that serves friction from 0.3 to 0.9 and parts of up to 60 mm, none of them four times as heavy as another."""
 
@@ -53,6 +60,33 @@ class Known(Range):
         served_all = all(0.3 <= part.friction <= 0.9 and part.radius <= 0.06 for part in parts)
         lightest, heaviest = served.ends([part.mass for part in parts])
         return np.full(episodes, float(served_all and heaviest < 4.0 * lightest))
+
+
+def test_an_agent_for_any_hardware_plays_on_both_in_turn(tmp_path, monkeypatch):
+    played = []
+
+    class Played:
+        def __init__(self, seeds):
+            self.success, self.steps = np.array(seeds) % 4 == 0, np.array(seeds)
+
+        def reported(self, name):
+            return np.full(len(self.steps), np.nan)
+
+    def play(policy, task, seeds, **scene):
+        played.append(("actuators" in scene, scene.get("max_episode_steps"), list(seeds)))
+        return Played(seeds)
+
+    monkeypatch.setattr(served, "rollout", play)
+    agent = Range(SHIPPED / "swap.json", tmp_path)
+    first = served.FIRST_SEED
+    assert played == [(kind == 1, None, list(range(first + kind, first + served.EPISODES, 2))) for kind in (0, 1)]
+    played.clear()
+    success, steps = agent.play({}, 3, 5)
+    assert [seeds for _, _, seeds in played] == [[first + 6], [first + 5, first + 7]]
+    assert steps.tolist() == [first + 5, first + 6, first + 7]
+    assert success.tolist() == [(first + k) % 4 == 0 for k in (5, 6, 7)]
+    # Later than three times the usual is too late: a jam of several parts would last to the task's limit.
+    assert {limit for _, limit, _ in played} == {math.ceil(3.0 * np.quantile(np.arange(first, first + 60, 4), 0.99))}
 
 
 def test_ranges_end_where_episodes_fail():

@@ -151,7 +151,7 @@ def test_the_catalogue_is_what_the_files_say():
     agents = shipped_agents()
     assert [agent.path for agent in agents] == sorted(SHIPPED.glob("*.json")) and len(agents) > 10
     for agent in agents:  # names of files agree with their records
-        words = [agent.tasks[0].lower(), *([agent.hardware] if agent.hardware != "ideal" else []), agent.variant]
+        words = [agent.tasks[0].lower(), *([agent.hardware] if agent.hardware == "prototype" else []), agent.variant]
         assert agent.path.stem == "-".join(filter(None, words))
 
 
@@ -163,6 +163,8 @@ def test_the_catalogue_is_what_the_files_say():
     ("Align", {"surface": {"rows": 12, "columns": 12}}, {}, "align-element"), ("Transport", {}, {}, "transport"),
     ("Sort", {}, {}, "sort"), ("SortTwelve", HARDWARE, {}, "sorttwelve-prototype"), ("SortCrowded", {}, {}, "sort"),
     ("Sort", {"parts": ["steel_block"] * 3 + ["aluminium_block"]}, {}, "sort"),
+    ("Swap", {}, {}, "swap"), ("Swap", HARDWARE, {}, "swap"), ("SwapCrowded", HARDWARE, {}, "swapcrowded"),
+    ("Pack", HARDWARE, {}, "pack-prototype"), ("PackFull", HARDWARE, {"hardware": "prototype"}, "packfull"),
 ])  # fmt: skip
 def test_the_agent_for_a_task_its_hardware_and_what_is_wished(task, settings, arguments, name):
     info = info_of(task, **settings)

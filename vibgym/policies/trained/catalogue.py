@@ -24,7 +24,7 @@ class Agent(NamedTuple):
 
     path: Path
     tasks: tuple[str, ...]  # that it serves, first the one of training
-    hardware: str  # among HARDWARE, of training
+    hardware: str  # among HARDWARE, of training; ANY: it serves both
     action: str
     variant: str  # such as "cloned"; "" for the usual agent of the task and hardware
     surface: Any  # see trained.serves_surface()
@@ -41,11 +41,16 @@ class Agent(NamedTuple):
             low, high = frequency if isinstance(frequency, list) else (frequency, frequency)
             surface = f"{size} elements, {low:g} Hz" if low == high else f"{size} elements, {low:g} to {high:g} Hz"
         variant = f", variant {self.variant!r}" if self.variant else ""
-        return f"{', '.join(self.tasks)} ({self.hardware}, action {self.action!r}, {parts}, {surface}{variant})"
+        hardware = "any hardware" if self.hardware == ANY else self.hardware
+        return f"{', '.join(self.tasks)} ({hardware}, action {self.action!r}, {parts}, {surface}{variant})"
 
-    def fits(self, info: TaskInfo) -> bool:
-        """Return whether it supports surface and number of parts."""
-        return serves_surface(self.surface, info.surface) and self.parts in (ANY, len(info.parts))
+    def fits(self, info: TaskInfo, hardware: str) -> bool:
+        """Return whether it supports surface, number of parts and hardware."""
+        return (
+            self.hardware in (hardware, ANY)
+            and serves_surface(self.surface, info.surface)
+            and self.parts in (ANY, len(info.parts))
+        )
 
 
 def hardware_of(sheet: DataSheet, surface: Surface) -> str:
@@ -90,7 +95,8 @@ def _agent(path: Path) -> Agent:
     record = json.loads(path.read_text(encoding="utf-8"))
     tasks, surface = tuple(record["tasks"]), Surface()
     actuators = record["training"]["settings"]["environment"].get("actuators", "ideal")
-    hardware = hardware_of(ACTUATORS.make("actuators", actuators, surface, 1, 1).data_sheet, surface)
+    trained_on = hardware_of(ACTUATORS.make("actuators", actuators, surface, 1, 1).data_sheet, surface)
+    hardware = record.get("hardware", trained_on)
     variant = "-".join(word for word in path.stem.split("-") if word not in (tasks[0].lower(), hardware))
     kind = RESIDUAL if record.get(RESIDUAL) else "trained"
     return Agent(
@@ -118,8 +124,7 @@ def shipped_agent(
     mine = [agent for agent in shipped_agents() if info.name in agent.tasks]
     fitting = [
         agent for agent in mine
-        if agent.hardware == hardware and action in (None, agent.action) and variant in (None, agent.variant)
-        and agent.fits(info)
+        if action in (None, agent.action) and variant in (None, agent.variant) and agent.fits(info, hardware)
     ]  # fmt: skip
     if not fitting:
         named = "".join(f", {name} {value!r}" for name, value in (("action", action), ("variant", variant)) if value)
@@ -128,7 +133,9 @@ def shipped_agent(
         have = "; ".join(map(str, mine or shipped_agents()))
         raise checks.conflict(f"policy 'learned' has no agent for {scene}; shipped: {have}")
     refusals: list[checks.Refused] = []
-    for agent in sorted(fitting, key=lambda agent: (agent.variant, agent.tasks.index(info.name))):
+    for agent in sorted(
+        fitting, key=lambda agent: (agent.variant, agent.tasks.index(info.name), agent.hardware == ANY)
+    ):
         try:
             check_range(f"the agent {agent.path.stem}", agent.range, info.parts)
         except checks.Refused as refusal:
