@@ -116,8 +116,8 @@ class Range:
         tasks = [checks.choice(f"{path}: tasks", task, tuple(ENVIRONMENTS)) for task in record["tasks"]]
         self.task, trained_in = tasks[0], record["training"]["settings"]["environment"]
         self.scene = {name: trained_in[name] for name in ("split",) if name in trained_in}
-        own = {name: trained_in[name] for name in ("actuators", "sensor") if name in trained_in}
-        self.hardware = [{}, PROTOTYPE] if record.get("hardware") == ANY else [own]
+        of_training = {name: trained_in[name] for name in PROTOTYPE if name in trained_in}
+        self.hardware = [{}, PROTOTYPE] if record.get("hardware") == ANY else [of_training]
         stated = record["surface"]["frequency"]
         self.frequency = stated if isinstance(stated, list) else [stated * (1.0 + sign * FREQUENCY) for sign in (-1, 1)]
         self.parts = usual_parts(f"vibgym/{self.task}-v0")
