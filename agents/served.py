@@ -51,12 +51,12 @@ FACTORS = (1.15, 1.3, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0)
 EPISODES, SCENES, WORLDS = 60, 120, 3
 """Episodes of the parts of training and of each factor; random scenes, and episodes of each."""
 
+FLOWING = 6, 40, 1
+"""The same where parts come and go: such an episode has hundreds of parts."""
+
 SLOWEST = 3.0
 """Of several parts: longest time to the goal, over that of the parts of training (99 % of the episodes); a jam would last to
 the limit of the task."""
-
-FLOWING = 6, 40, 1
-"""The same where parts come and go: such an episode has hundreds of parts."""
 
 PEEL, KEPT = 0.1, 0.4
 """Share of the scenes by which a range is shortened; share of those drawn that is left when new ones are drawn."""
@@ -303,10 +303,8 @@ def store(path: Path) -> None:
     content = {key: value for key, value in record.items() if key not in ("tensors", "sha256")}
     save_set(path, KIND, tensors, {**content, RANGE: ranges}, VERSION)
     for kind, spans in ranges.items():
-        told = (
-            "none" if spans is None else ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in spans.items())
-        )
-        print(f"{path}: {kind}: {told}")
+        texts = [f"{name} {low:g} to {high:g}" for name, (low, high) in (spans or {}).items()]
+        print(f"{path}: {kind}: {', '.join(texts) or 'none'}")
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -162,7 +162,7 @@ def test_agents_of_one_part_state_ranges_and_all_ranges_contain_the_parts_of_the
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", ["align", "align-element", "transport-prototype", "rotate"])
+@pytest.mark.parametrize("name", ["align", "align-element", "transport-prototype", "rotate", "swap"])
 def test_agents_succeed_in_random_scenes_inside_their_ranges(name, tmp_path):
     """At least 97 % are meant to succeed: fewer than 92 % of 200 are improbable."""
     stated = json.loads((SHIPPED / f"{name}.json").read_text())["range"]
