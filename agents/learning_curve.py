@@ -112,7 +112,7 @@ class LearningCurve:
     def __init__(self, settings: TrainSettings, directory: Path) -> None:
         assert settings.selection is not None
         self.selection, self.path, self._last = settings.selection, directory / FILE, 0
-        self.residual = settings.residual
+        self.residual, self._velocities = settings.residual, settings.adds_velocities
         self._envs: list[tuple[Any, int]] = []  # and the seed of their first world
         self.rows: list[dict[Any, Any]] = []
         self.task = settings.task
@@ -185,7 +185,8 @@ class LearningCurve:
         """Run an episode in every world; world k starts with seed ``first + k``. Return a row for each."""
         if self.residual is not None:
             info = TaskInfo.of(env)
-            policy = ResidualPolicy(info, make_policy(self.residual.base, info), policy, scale=self.residual.scale)
+            base, scale = make_policy(self.residual.base, info), self.residual.scale
+            policy = ResidualPolicy(info, base, policy, scale=scale, velocities=self._velocities)
         result = run(policy, env, range(first, first + env.num_envs), env.spec.name)
         measured = {"success": result.success, "steps": result.steps, "return_": result.returns, "cost": result.cost}
         return pd.DataFrame({**measured, "rate": result.reported(RATE), "limit": env.unwrapped.max_episode_steps})

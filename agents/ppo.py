@@ -110,8 +110,9 @@ class PPO(PartsLearner):
 
         @model_validator(mode="after")
         def _supported(self) -> PPO.Settings:
-            if self.network == "joint":
-                raise checks.conflict("network 'joint' has one row for all parts: it learns from data sets only")
+            for name in ("touch_cost", "shared"):
+                if self.network == "joint" and getattr(self, name):
+                    raise checks.conflict(f"{name} requires rows of parts, and network 'joint' has one row for all")
             if self.noise_floor is not None and self.network != "parts":
                 raise checks.conflict(f"noise_floor requires network 'parts', got {self.network!r}")
             return self

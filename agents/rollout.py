@@ -20,7 +20,7 @@ CRITIC_BATCH = 300_000
 
 
 class Rollout:
-    """Steps of all worlds and their advantages; every part of a world is a sample.
+    """Steps of all worlds and their advantages; every part of a world is a sample, or the world with one row for all parts.
 
     A part's return ends with the episode of its world, or when the part leaves while the world continues: it is present at one
     step and absent at the next. It keeps the reward of the step in which it left.
@@ -39,7 +39,10 @@ class Rollout:
     def __init__(self, settings: PPO.Settings, worlds: int, coding: Coding, info: TaskInfo) -> None:
         self.gamma, self.gae_lambda, steps = settings.gamma, settings.gae_lambda, settings.n_steps
         self.shared, self.continuous_feed, driven = settings.shared, info.continuous_feed, np.array(info.driven)
-        parts, shape = len(coding.parts), coding.shape
+        self.together = coding.slots < len(coding.parts)
+        if self.together:
+            driven = np.ones(coding.slots, dtype=bool)
+        parts, shape = coding.slots, coding.shape
         lead = (steps, worlds, parts)
         row = np.dtype(coding.dtype).itemsize * shape.columns
         check_bytes("ppo.n_steps", steps, worlds * parts * (row + 4 * (shape.action + 6)))
@@ -62,6 +65,8 @@ class Rollout:
     ) -> None:
         """Add a step of all worlds: inputs, action and its outcome, (worlds, parts, ...)."""
         step = self.position
+        if self.together:
+            reward = reward.mean(axis=-1, keepdims=True)
         self.rows[step], self.mask[step] = inputs.rows, inputs.mask * self.driven
         self.actions[step], self.log_prob[step], self.reward[step], self.done[step] = action, log_prob, reward, done
         self.position += 1

@@ -52,7 +52,7 @@ def make_worlds(settings: TrainSettings, observation: str) -> VecEnv:
         if settings.residual is not None:
             with checks.within("residual"):
                 base = make_policy(settings.residual.base, TaskInfo.of(env))
-                env = ResidualEnv(env, base, settings.residual.scale)
+                env = ResidualEnv(env, base, settings.residual.scale, settings.adds_velocities)
         envs.append(env)
     worlds = VecEnv(*envs)
     worlds.seed(training_seed(settings.seed))
@@ -70,6 +70,7 @@ class ResidualEnv(VectorWrapper):
             ``autoreset_mode="SameStep"``.
         base: policy with an action of ``vibgym.envs.motions.MOTIONS`` and observation ``"state"``.
         scale: of the learner's action.
+        velocities: see :class:`.residual.Base`.
 
     Attributes:
         parts_layout: of a row.
@@ -78,7 +79,7 @@ class ResidualEnv(VectorWrapper):
 
     keeps_rewards = True  # see vibgym.adapters.credit
 
-    def __init__(self, env: VectorEnv, base: Policy, scale: float = SCALE) -> None:
+    def __init__(self, env: VectorEnv, base: Policy, scale: float = SCALE, velocities: bool = False) -> None:
         inner: Any = env.unwrapped
         space = env.single_observation_space
         if inner.autoreset_mode is not AutoresetMode.SAME_STEP:
@@ -86,7 +87,7 @@ class ResidualEnv(VectorWrapper):
         if not isinstance(space, spaces.Dict) or set(space.spaces) != {"parts", "mask", "state"}:
             raise checks.refuse("env.single_observation_space", space, "that of observation='parts_and_state'")
         super().__init__(env)
-        self.base = Base(base, TaskInfo.of(env), scale)
+        self.base = Base(base, TaskInfo.of(env), scale, velocities)
         checks.choice("env.action", inner.core.options.action, (base.action,))
         self.parts, self.surface, self.autoreset_mode = inner.parts, inner.surface, inner.autoreset_mode
         self.parts_layout = self.base.layout
@@ -136,14 +137,14 @@ class ResidualEnv(VectorWrapper):
     def _with_base(self, seen: dict[str, np.ndarray], start: np.ndarray | None) -> dict[str, np.ndarray]:
         """Query the base; return the learner's observation."""
         self._action, self._memory = self.base.policy.predict(seen["state"], self._memory, start)
-        return {"parts": self.base.rows(seen["parts"], self._action), "mask": seen["mask"]}
+        return {"parts": self.base.rows(seen["parts"], self._action, self._memory), "mask": seen["mask"]}
 
     def _finish(self, final: np.ndarray, worlds: np.ndarray) -> None:
         """Add the base's action to the final observations of episodes, in place."""
         state = np.stack([final[world]["state"] for world in worlds])
         rows = np.stack([final[world]["parts"] for world in worlds])
-        action, _ = self.base.policy.predict(state, rows_of(self._memory, worlds))
-        for world, wide in zip(worlds, self.base.rows(rows, action), strict=True):
+        action, memory = self.base.policy.predict(state, rows_of(self._memory, worlds))
+        for world, wide in zip(worlds, self.base.rows(rows, action, memory), strict=True):
             final[world] = {"parts": wide, "mask": final[world]["mask"]}
 
 

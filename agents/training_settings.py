@@ -20,7 +20,7 @@ from vibgym.config import json_values
 from vibgym.envs.drawn import drawn_shapes, fixed_scenes
 from vibgym.envs.vector import environment_id
 from vibgym.policies.trained.coding import MAX_REMEMBERED
-from vibgym.policies.trained.residual import CORRECTED, base_named
+from vibgym.policies.trained.residual import CORRECTED, CORRECTING, base_named
 from vibgym.settings import BaseSettings, Unit
 
 MAX_STEPS = 10**12
@@ -297,17 +297,20 @@ class TrainSettings(BaseSettings):
         An expert of imitation gives actions, not corrections. In rows that remember or turn, the base's action would be
         repeated or not turned.
         """
+        if self.imitation is not None and getattr(self.own, "network", None) == "joint":
+            raise checks.conflict("imitation requires rows of parts, and network 'joint' has one row for all")
         if self.residual is not None and isinstance(self.own, NetworkSettings):
             base, own = checks.choice("residual.base.action", self.residual.base["action"], CORRECTED), self.own
             for name, got, allowed in (
                 ("imitation", self.imitation, None),
                 (f"{self.algorithm}.history", own.history, 0),
                 (f"{self.algorithm}.turned", own.turned, False),
-                (f"{self.algorithm}.network", own.network, "parts"),
                 ("environment.action", self.action, base),
             ):
                 if got != allowed:
                     raise checks.conflict(f"{name} must be {allowed!r} with 'residual'")
+            if own.network not in CORRECTING:
+                raise checks.conflict(f"{self.algorithm}.network must be one of {CORRECTING} with 'residual'")
         return self
 
     def check_alone(self) -> None:
@@ -315,6 +318,11 @@ class TrainSettings(BaseSettings):
         for name in ("residual", "imitation", "start", "curriculum"):
             if getattr(self, name):
                 raise checks.conflict(f"{name} requires algorithm 'ppo', got {self.algorithm!r}")
+
+    @property
+    def adds_velocities(self) -> bool:
+        """Whether corrections are added to velocities, see :attr:`vibgym.policies.trained.coding.Coding.adds_velocities`."""
+        return self.residual is not None and getattr(self.own, "network", None) == "joint"
 
     @property
     def action(self) -> str:

@@ -111,6 +111,29 @@ def test_each_scene_has_its_own_base(tmp_path):
         assert one.base.policy is not other.base.policy and other.base.policy.info.parts == other.parts != one.parts
 
 
+def test_one_row_for_all_parts_corrects_velocities(tmp_path):
+    """The row sees the plan of the base, and the file's policy adds velocities to its action."""
+    own = {
+        "environment": {"action": "velocity"}, "residual": {"base": {"kind": "push", "action": "velocity"}, "scale": 0.4},
+        "worlds": 8, "steps": 256, "output": str(tmp_path / "run"), "selection": {"episodes": 2, "every": 256},
+        "ppo": {**helpers.PPO, "network": "joint"}, "serves": {"hardware": "any"},
+    }  # fmt: skip
+    file = tmp_path / "push.yaml"
+    file.write_text(yaml.safe_dump({"vibgym/Push-v0": {"one": own}}))
+    path = train(file, quiet=True, agent="Push/one")
+    assert ["plan_push", 4] in load_set(path, KIND, VERSION)[1]["columns"]
+    env = gym.make_vec("vibgym/Push-v0", num_envs=4, action="velocity", observation="parts_and_state")
+    info = info_of("Push", action="velocity")
+    seen, _ = env.reset(seed=0)
+    action, _ = make_policy({"kind": "residual", "path": str(path)}, info).predict(seen)
+    proposed, _ = make_policy(own["residual"]["base"], info).predict(seen["state"])
+    change = (action * np.abs(action) - proposed * np.abs(proposed)).reshape(4, 3, 3)
+    assert (
+        1e-4 < np.abs(change[:, :2, :2]).max() < 0.4
+        and np.abs(change[:, 2]).max() == np.abs(change[..., 2]).max() == 0.0
+    )
+
+
 def test_a_run_starts_from_a_correction_of_the_same_base(hybrid, tmp_path):
     start = str(hybrid[1])
     with learner(tmp_path, start=start) as started:

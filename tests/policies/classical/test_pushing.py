@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.policies.helpers import info_of, measurement
-from vibgym.policies.classical.pushing import BARRED, Outline, PushingPolicy, choose_pairs
+from vibgym.policies.classical.pushing import BARRED, NEARBY, Outline, PushingPolicy, choose_pairs, rotation
 from vibgym.registration import TEE
 from vibgym.scene.parts import Part, part_from
 
@@ -46,6 +46,27 @@ def test_push_points_are_outside_of_the_part():
         share = np.clip(((outline.place - a) @ (b - a)) / ((b - a) @ (b - a)), 0.0, 1.0)
         from_outline = np.minimum(from_outline, np.hypot(*(outline.place - a - share[:, None] * (b - a)).T))
     assert from_outline.min() > RADIUS - 0.0015  # a quarter of the points' spacing
+
+
+def test_plans_lead_to_the_chosen_places():
+    policy, rng, worlds = rule(), np.random.default_rng(2), 50
+    measured = measurement(policy.info, worlds, centre=np.array([0.416, 0.104]))
+    angle = rng.uniform(-math.pi, math.pi, (worlds, 2))
+    measured.centre[:, policy.pushers] += 0.07 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    measured.heading[:, policy.pushed] = rng.uniform(-3.0, 3.0, worlds)
+    measured.displacement[:, policy.pushed] = rng.normal(size=(worlds, 2)) * 0.05
+    _, plan = policy.velocities(measured)
+    assert plan.shape == (worlds, 2, sum(width for _, width in policy.PLAN))
+    place = measured.centre[:, policy.pushers] + NEARBY * np.arctanh(plan[..., :2])
+    heading, centre = measured.heading[:, policy.pushed], measured.centre[:, policy.pushed]
+    places = centre[:, None] + np.einsum("bij,nj->bni", rotation(heading), policy.outline.place)
+    away = np.hypot(*np.moveaxis(places[:, None] - place[:, :, None], -1, 0))
+    assert away.min(axis=-1).max() < 1e-9
+    normals = np.einsum("bij,nj->bni", rotation(heading), policy.outline.effect[:, :2])
+    best = away.argmin(axis=-1)
+    assert plan[..., 4:6] == pytest.approx(np.take_along_axis(normals, best[..., None], axis=1))
+    assert np.arctanh(plan[..., 7]) == pytest.approx(policy.outline.effect[best, 2])
+    assert np.abs(plan).max() <= 1.0 and (plan[..., 6] >= 0.0).all()
 
 
 def test_pushers_do_not_pass_each_other():
@@ -150,7 +171,7 @@ def test_one_disc_pushes_before_the_other_is_there_if_that_helps():
     measured.centre[:, policy.pushers] += at
     measured.displacement[:, policy.pushed], measured.heading_error[:, policy.pushed] = motion[:, :2], motion[:, 2]
     inward = outline.effect[chosen[:, 0], :2]
-    pushes = (policy.velocities(measured)[:, 0] * inward).sum(axis=1) > 0.0
+    pushes = (policy.velocities(measured)[0][:, 0] * inward).sum(axis=1) > 0.0
     effect = outline.effect[chosen[:, 0]]
     helps = (effect * direction).sum(axis=1) / np.linalg.norm(effect, axis=1) > policy.settings.useful
     alone = push[:, 1] == 0.0

@@ -1,5 +1,7 @@
 """One row for all parts: it does not depend on where they are or how they lie together, and actions turn with it."""
 
+from types import SimpleNamespace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -7,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import vibgym
-from vibgym.policies.trained.joint import REACH, WAVES, JointCoding
+from vibgym.policies.classical.pushing import PushingPolicy
+from vibgym.policies.trained.joint import REACH, WAVES, JointCoding, root_of, share_of
+from vibgym.policies.trained.residual import with_base
 from vibgym.policies.trained.symmetry import VECTORS
 
 
@@ -15,6 +19,21 @@ from vibgym.policies.trained.symmetry import VECTORS
 def scene():
     env = gym.make("vibgym/Push-v0", action="velocity", observation="parts").unwrapped
     return env, JointCoding(env.surface, env.parts, env.parts_layout, "velocity"), env.reset(seed=1)[0]
+
+
+@pytest.fixture(scope="module")
+def correction(scene):
+    """Scene, conversion and random observation of a network that corrects the pushing rule."""
+    env, _, seen = scene
+    layout = with_base(env.parts_layout, PushingPolicy.PLAN)
+    worlds = SimpleNamespace(surface=env.surface, parts=env.parts, parts_layout=layout)
+    rows = np.random.default_rng(0).uniform(-0.7, 0.7, (3, sum(row.width for row in layout))).astype(np.float32)
+    for row, plain in zip(layout, with_base(env.parts_layout), strict=False):
+        if row == plain and row.name != "base":  # before the columns of the base
+            columns = slice(row.start, row.start + row.width)
+            rows[:, columns] = seen["parts"][:, columns]
+    coding = JointCoding(env.surface, env.parts, layout, "velocity")
+    return worlds, coding, {"parts": rows, "mask": seen["mask"]}
 
 
 def moved(env, seen, angle, shift):
@@ -29,6 +48,8 @@ def moved(env, seen, angle, shift):
             rows[:, columns] = (rows[:, columns] * half) @ turn / half + shift
         elif row.name in VECTORS or row.name == "heading":
             rows[:, columns] = rows[:, columns] @ turn
+        elif row.name == "base":
+            rows[:, columns] = root_of(share_of(rows[:, columns]) @ turn)
     return {"parts": rows.astype(np.float32), "mask": seen["mask"]}
 
 
@@ -47,6 +68,23 @@ def test_rows_and_actions_move_with_the_scene(scene, angle, shift, seed):
     np.testing.assert_allclose(velocity[1], velocity[0] @ np.array([[cos, sin], [-sin, cos]]), atol=1e-5)
     np.testing.assert_allclose(second[:, 2], first[:, 2], atol=1e-6)
     assert not second[2].any()  # the pushed part is not driven
+
+
+@given(st.floats(-3.1, 3.1), st.integers(0, 1000))
+def test_corrections_move_with_the_scene(correction, angle, seed):
+    """They are velocities, and see the base's velocities and its plan in the frame of the part."""
+    env, coding, seen = correction
+    one, other = coding.encode(seen), coding.encode(moved(env, seen, angle, 0.1))
+    kept = [
+        k for k, name in enumerate(names_of(env, coding)) if name not in ("position", "element", "heading", "borders")
+    ]
+    np.testing.assert_allclose(other.rows[0, 0, kept], one.rows[0, 0, kept], atol=2e-5)
+    outputs = np.random.default_rng(seed).uniform(-0.7, 0.7, (1, 1, coding.shape.action)).astype(np.float32)
+    first, second = (coding.decode(inputs, outputs).reshape(3, 3) for inputs in (one, other))
+    cos, sin = np.cos(angle), np.sin(angle)
+    np.testing.assert_allclose(second[:, :2], first[:, :2] @ np.array([[cos, sin], [-sin, cos]]), atol=1e-5)
+    assert np.hypot(*first[0, :2]) == pytest.approx(np.hypot(*outputs[0, 0, :2]), abs=1e-6)
+    assert not first[:, 2].any() and not first[2].any() and coding.adds_velocities and coding.slots == 1
 
 
 def names_of(env, coding):
@@ -95,6 +133,10 @@ def mirrored(env, seen):
             rows[:, [at, at + 1]] = rows[:, [at + 1, at]]
         elif row.name.startswith(("turn", "spin")):
             rows[:, at : at + row.width] *= -1.0
+        elif row.name == "base":
+            rows[:, [at, at + 2]] *= -1.0
+        elif row.name == "plan_push":  # strength, turn, way round, arrival
+            rows[:, at + 1 : at + 3] *= -1.0
     return {"parts": rows, "mask": seen["mask"]}
 
 
@@ -118,6 +160,22 @@ def test_equivalent_scenes_have_equivalent_actions(scene):
         rows, outputs = transformed(equivalent, own.rows, coding.to_rows(own, action))
         np.testing.assert_allclose(rows, inputs.rows, atol=1e-6)
         np.testing.assert_allclose(outputs, coding.to_rows(inputs, acted), atol=1e-6)
+
+
+def test_corrections_of_equivalent_scenes_are_equivalent(correction):
+    env, coding, seen = correction
+    own, outputs = coding.encode(seen), np.random.default_rng(1).uniform(-0.7, 0.7, (1, 1, 4)).astype(np.float32)
+    swapped = {"parts": seen["parts"][[1, 0, 2]], "mask": seen["mask"]}
+    cases = seen, swapped, mirrored(env, seen), mirrored(env, swapped)
+    signs = np.array([1.0, 1.0, -1.0, -1.0])
+    done = coding.decode(own, outputs).reshape(3, 3)
+    for k, (equivalent, other, sign) in enumerate(zip(coding.equivalents, cases, signs, strict=True)):
+        inputs = coding.encode(other)
+        rows, turned = transformed(equivalent, own.rows, outputs)
+        np.testing.assert_allclose(rows, inputs.rows, atol=1e-6)
+        acted = coding.decode(inputs, turned).reshape(3, 3)
+        acted = acted[[1, 0, 2]] if k % 2 else acted  # exchanged discs
+        np.testing.assert_allclose(acted * [sign, 1.0, 1.0], done, atol=1e-6)
 
 
 def test_different_parts_are_not_exchanged_and_one_part_has_no_others():

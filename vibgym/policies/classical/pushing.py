@@ -29,6 +29,7 @@ SECTOR, AHEAD = (
     0.35,
 )  # rad: direction from the part below which a pusher goes straight; next point on the way round
 ROOM = 0.004  # m between pushers
+NEARBY, NEAREST = 0.05, 0.01  # m, units of the ways to planned places, before tanh
 
 
 class Outline:
@@ -115,6 +116,11 @@ class PushingPolicy(Steering):
         still: float = Field(default=0.5, gt=0.0)
         """Share of the tolerances within which no pusher pushes."""
 
+    PLAN = (("plan_way", 2), ("plan_way_fine", 2), ("plan_normal", 2), ("plan_push", 4))
+    """Names and widths of what a correction sees of each pusher's plan (:class:`vibgym.policies.trained.residual.Base`): tanh
+    of the way to its place in 50 and in 10 mm; the part's inward normal there; tanh of the strength of its push and of the turn
+    by it, turns by which it still goes round the part, and 1 if it is there."""
+
     settings: Settings
 
     def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
@@ -133,15 +139,20 @@ class PushingPolicy(Steering):
         self._gram = effect @ effect.T
         self._fits = np.sqrt(((place[:, None] - place) ** 2).sum(axis=-1)) > 2.0 * self.reach + 0.5 * ROOM
 
+    def initial(self, batch: int) -> SteeringMemory:
+        """See :meth:`.steering.Steering.initial`; its own memory is the plan, (batch, parts, 10), see :attr:`PLAN`."""
+        width = sum(width for _, width in self.PLAN)
+        return super().initial(batch)._replace(own=np.zeros((batch, len(self.info.parts), width), dtype=np.float32))
+
     def act(self, measured: Measured, memory: SteeringMemory, new: np.ndarray) -> tuple[np.ndarray, SteeringMemory]:
         """See :meth:`.steering.Steering.act`."""
         velocity = np.zeros_like(measured.centre)
-        velocity[:, self.pushers] = self.velocities(measured)
+        velocity[:, self.pushers], memory.own[:, self.pushers] = self.velocities(measured)
         acting = replace(measured, present=measured.present & self.driven)
         return self.steer(acting, self.lead * velocity, memory)
 
-    def velocities(self, measured: Measured) -> np.ndarray:
-        """Return the set velocities (batch, 2, 2) of the pushers, m/s."""
+    def velocities(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
+        """Return the set velocities (batch, 2, 2) of the pushers, m/s, and their plans, see :attr:`PLAN`."""
         manner, outline, gyration = self.settings, self.outline, self.outline.gyration
         centre, heading = measured.centre[:, self.pushed], measured.heading[:, self.pushed]
         displacement, heading_error = measured.displacement[:, self.pushed], measured.heading_error[:, self.pushed]
@@ -183,7 +194,10 @@ class PushingPolicy(Steering):
         own = self.apart(at, own)
         fast = np.sqrt((own**2).sum(axis=-1, keepdims=True))
         own *= np.minimum(1.0, self.top / np.maximum(fast, 1e-9))
-        return np.einsum("bij,bkj->bki", to_world, own)
+        way, normal = (np.einsum("bij,bkj->bki", to_world, vector) for vector in (off, inward))
+        rest = np.stack([np.tanh(push), np.tanh(effect[..., 2]), sweep / (2.0 * math.pi), ready], axis=-1)
+        plan = np.concatenate([np.tanh(way / NEARBY), np.tanh(way / NEAREST), normal, rest], axis=-1)
+        return np.einsum("bij,bkj->bki", to_world, own), plan
 
     def choose(
         self, direction: np.ndarray, at: np.ndarray, centre: np.ndarray, to_world: np.ndarray

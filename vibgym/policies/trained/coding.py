@@ -66,7 +66,10 @@ class Coding:
     Attributes:
         shape: of rows and actions.
         columns: names and widths of the columns that the network reads.
+        slots: rows of a world.
         equivalents: transformations of rows and outputs, see :class:`.joint.JointCoding`; empty in this class.
+        adds_velocities: whether a correction of a base policy (:mod:`.residual`) is added to the velocities of its action, and
+            not to the values.
 
     Raises:
         ValueError: an action that is neither by part nor by element, columns that this scene does not have, a number of steps
@@ -77,6 +80,7 @@ class Coding:
     dtype: Any = np.float32  # of rows
     shape: Any
     equivalents: Sequence[Any] = ()
+    adds_velocities = False
     turned, history = False, 0
     history_columns: Sequence[str] = ()
     _code: Callable[[np.ndarray], np.ndarray] | None = None
@@ -94,7 +98,7 @@ class Coding:
         history: int = 0,
         history_columns: Sequence[str] = (),
     ) -> None:
-        self.surface, self.parts, self.action = surface, tuple(parts), action
+        self.surface, self.parts, self.action, self.slots = surface, tuple(parts), action, len(parts)
         whole: int = ACTIONS.choose("action", action)(surface, self.parts).size
         side = patch_size(surface, self.parts)
         if action in CODES:
@@ -271,7 +275,7 @@ class ImageCoding(Coding):
         columns: Sequence[Sequence[Any]] | None = None,
         **memory: Any,
     ) -> None:
-        self.surface, self.parts, self.action = surface, tuple(parts), action
+        self.surface, self.parts, self.action, self.slots = surface, tuple(parts), action, 1
         refuse_memory("pixels", memory)
         if len(parts) != 1:
             raise checks.conflict(f"network 'pixels' requires one part, got {len(parts)}")

@@ -15,6 +15,7 @@ import numpy as np
 from vibgym import Part, Surface, checks
 from vibgym.envs.motions import Velocity
 from vibgym.policies.trained.coding import Coding, Inputs, refuse_memory
+from vibgym.policies.trained.networks import BASE
 from vibgym.policies.trained.symmetry import SIDES, VECTORS
 
 REACH = 0.1
@@ -56,6 +57,9 @@ class JointCoding(Coding):
     own columns, without neighbours. If the anchor's heading is unique, vectors and the velocities of actions are in the
     anchor's frame, else in the table's. The position of other parts is replaced by their displacement from the anchor.
 
+    Rows of a correction (:mod:`.residual`) have the velocities of the base's action. Its outputs are velocities (x, y) that are
+    added to these, and the base turns the parts.
+
     Args: see :class:`.coding.Coding`; ``turned``, ``history`` and ``history_columns`` must be False or empty.
 
     Attributes:
@@ -90,13 +94,16 @@ class JointCoding(Coding):
             range(start, start + width, 2) for name, width, start in own if name in VECTORS and name != "position"
         ]
         self._vectors = np.array([start for vector in vectors for start in vector], dtype=np.int64)
+        self._base = next((start for name, _, start in own if name == BASE), None)
+        self.adds_velocities = self._base is not None
+        self.slots, self._nearest = 1, None
         anchor = next((k for k, part in enumerate(self.parts) if part.coupling == 0.0), 0)
         self._others = [k for k in range(len(self.parts)) if k != anchor]
         self._driven = [k for k, part in enumerate(self.parts) if part.coupling > 0.0]
         self.anchor, self._rotates = anchor, self.parts[anchor].symmetry == 1
         self._half = 0.5 * np.array([surface.width, surface.depth])
         block = self._own_columns + 4 * len(WAVES)
-        values, numbers = Velocity(surface, self.parts).shape[1], len(self._driven)
+        values, numbers = 2 if self.adds_velocities else Velocity(surface, self.parts).shape[1], len(self._driven)
         self.shape = self.shape._replace(
             columns=self._own_columns + block * len(self._others),
             neighbours=0,
@@ -145,6 +152,10 @@ class JointCoding(Coding):
                 order[side : side + 2] = side + 1, side
             elif name == "heading":
                 sign[start + 1] = -1.0
+            elif name == BASE:
+                sign[start : start + width] = *mirrors[axis], -1.0
+            elif name == "plan_push":
+                sign[start + 1 : start + 3] = -1.0
             elif name.startswith(("turn", "spin")) or name.endswith("spin"):
                 sign[start : start + width] = -1.0
         waves = np.ones((2, 2, len(WAVES)), dtype=np.float32)  # sines and cosines, x and y
@@ -176,6 +187,9 @@ class JointCoding(Coding):
         away = np.stack(rotated(away[..., 0], away[..., 1], frame[:, :1], -frame[:, 1:]), axis=-1)
         x, y = rows[..., self._vectors], rows[..., self._vectors + 1]
         rows[..., self._vectors], rows[..., self._vectors + 1] = rotated(x, y, cos, -sin)
+        if self._base is not None:
+            x, y = _velocity(rows[..., self._base : self._base + 2])
+            rows[..., self._base], rows[..., self._base + 1] = rotated(x, y, cos[..., 0], -sin[..., 0])
         rows[:, self._others, place] = away[:, self._others] / np.float32(REACH)
         phase = (away[..., None] * WAVES).reshape(worlds, len(self.parts), -1).astype(np.float32)
         wide = np.concatenate([rows[..., : self._own_columns], np.sin(phase), np.cos(phase)], axis=-1)
@@ -192,12 +206,20 @@ class JointCoding(Coding):
         return np.stack([x / size, y / size, spin], axis=-1).reshape(len(of_parts), 1, -1).astype(np.float32)
 
     def decode(self, inputs: Inputs, of_parts: np.ndarray) -> np.ndarray:
-        """Return the environment's actions (worlds, n) float32 for network outputs (worlds, 1, values)."""
+        """Return the environment's actions (worlds, n) float32 for network outputs (worlds, 1, values); velocities of a
+        correction, as shares of the top speed.
+        """
+        if self.adds_velocities:
+            own = of_parts.reshape(len(of_parts), len(self._driven), 2)
+            added = np.zeros((len(own), len(self.parts), 3), dtype=np.float32)
+            turned = rotated(own[..., 0], own[..., 1], inputs.frame[:, :1], inputs.frame[:, 1:])
+            added[:, self._driven, 0], added[:, self._driven, 1] = turned
+            return added.reshape(len(own), -1)
         polar = of_parts.reshape(len(of_parts), len(self._driven), 3)
         size = np.hypot(polar[..., 0], polar[..., 1])
         x, y = rotated(polar[..., 0] * size, polar[..., 1] * size, inputs.frame[:, :1], inputs.frame[:, 1:])
         actions = np.zeros((len(polar), len(self.parts), 3), dtype=np.float32)
-        actions[:, self._driven] = np.stack([_root(x), _root(y), polar[..., 2]], axis=-1)
+        actions[:, self._driven] = np.stack([root_of(x), root_of(y), polar[..., 2]], axis=-1)
         return np.clip(actions, -1.0, 1.0).reshape(len(polar), -1)
 
 
@@ -208,10 +230,15 @@ def rotated(x: np.ndarray, y: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> t
 
 def _velocity(action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return x and y of the velocities of actions (..., 3), as shares of the top speed."""
-    share = action[..., :2] * np.abs(action[..., :2])
+    share = share_of(action[..., :2])
     return share[..., 0], share[..., 1]
 
 
-def _root(share: np.ndarray) -> np.ndarray:
-    """Return the number of an action for a share of the top speed, the inverse of :func:`_velocity`."""
+def share_of(action: np.ndarray) -> np.ndarray:
+    """Return the shares of the top speed that values of an action ``"velocity"`` command."""
+    return action * np.abs(action)
+
+
+def root_of(share: np.ndarray) -> np.ndarray:
+    """Return the values of an action for shares of the top speed, the inverse of :func:`share_of`."""
     return np.sign(share) * np.sqrt(np.abs(share))

@@ -19,6 +19,9 @@ FLOOR = "log_std_floor"
 NEIGHBOUR = "_there"
 """End of the name of the first column of a neighbour's block in ``env.unwrapped.parts_layout``."""
 
+BASE = "base"
+"""Name of the columns with the action of a base policy, see :mod:`.residual`."""
+
 CELL = 3
 """Pixels along an edge of the squares that ``pixels`` networks convolve; an element has a multiple of it."""
 
