@@ -56,7 +56,7 @@ def test_plans_lead_to_the_chosen_places():
     measured.heading[:, policy.pushed] = rng.uniform(-3.0, 3.0, worlds)
     measured.displacement[:, policy.pushed] = rng.normal(size=(worlds, 2)) * 0.05
     _, plan = policy.velocities(measured)
-    assert plan.shape == (worlds, 2, sum(width for _, width in policy.PLAN))
+    assert plan.shape == (worlds, 2, sum(width for name, width in policy.PLAN if name != "plan_velocity"))
     place = measured.centre[:, policy.pushers] + NEARBY * np.arctanh(plan[..., :2])
     heading, centre = measured.heading[:, policy.pushed], measured.centre[:, policy.pushed]
     places = centre[:, None] + np.einsum("bij,nj->bni", rotation(heading), policy.outline.place)

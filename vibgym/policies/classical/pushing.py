@@ -116,10 +116,11 @@ class PushingPolicy(Steering):
         still: float = Field(default=0.5, gt=0.0)
         """Share of the tolerances within which no pusher pushes."""
 
-    PLAN = (("plan_way", 2), ("plan_way_fine", 2), ("plan_normal", 2), ("plan_push", 4))
-    """Names and widths of what a correction sees of each pusher's plan (:class:`vibgym.policies.trained.residual.Base`): tanh
-    of the way to its place in 50 and in 10 mm; the part's inward normal there; tanh of the strength of its push and of the turn
-    by it, turns by which it still goes round the part, and 1 if it is there."""
+    PLAN = (("plan_velocity", 2), ("plan_way", 2), ("plan_way_fine", 2), ("plan_normal", 2), ("plan_push", 4))
+    """Names and widths of what a correction sees of the plan (:class:`vibgym.policies.trained.residual.Base`): velocities of
+    all parts at the start of the step, over the top speed; of each pusher tanh of the way to its place in 50 and in 10 mm, the
+    part's inward normal there, tanh of the strength of its push and of the turn by it, turns by which it still goes round the
+    part, and 1 if it is there."""
 
     settings: Settings
 
@@ -140,19 +141,20 @@ class PushingPolicy(Steering):
         self._fits = np.sqrt(((place[:, None] - place) ** 2).sum(axis=-1)) > 2.0 * self.reach + 0.5 * ROOM
 
     def initial(self, batch: int) -> SteeringMemory:
-        """See :meth:`.steering.Steering.initial`; its own memory is the plan, (batch, parts, 10), see :attr:`PLAN`."""
+        """See :meth:`.steering.Steering.initial`; its own memory is the plan, (batch, parts, 12), see :attr:`PLAN`."""
         width = sum(width for _, width in self.PLAN)
         return super().initial(batch)._replace(own=np.zeros((batch, len(self.info.parts), width), dtype=np.float32))
 
     def act(self, measured: Measured, memory: SteeringMemory, new: np.ndarray) -> tuple[np.ndarray, SteeringMemory]:
         """See :meth:`.steering.Steering.act`."""
         velocity = np.zeros_like(measured.centre)
-        velocity[:, self.pushers], memory.own[:, self.pushers] = self.velocities(measured)
+        velocity[:, self.pushers], memory.own[:, self.pushers, 2:] = self.velocities(measured)
+        memory.own[..., :2] = np.clip(measured.velocity / self.top, -1.0, 1.0)
         acting = replace(measured, present=measured.present & self.driven)
         return self.steer(acting, self.lead * velocity, memory)
 
     def velocities(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-        """Return the set velocities (batch, 2, 2) of the pushers, m/s, and their plans, see :attr:`PLAN`."""
+        """Return the set velocities (batch, 2, 2) of the pushers, m/s, and their plans (batch, 2, 10), see :attr:`PLAN`."""
         manner, outline, gyration = self.settings, self.outline, self.outline.gyration
         centre, heading = measured.centre[:, self.pushed], measured.heading[:, self.pushed]
         displacement, heading_error = measured.displacement[:, self.pushed], measured.heading_error[:, self.pushed]
