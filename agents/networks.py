@@ -31,6 +31,7 @@ from vibgym.policies.trained.networks import (
     LOG_STD_RANGE,
     MIN_MASS,
     SCALES,
+    STANDARD,
     ImageShape,
     Shape,
     occupied,
@@ -116,11 +117,20 @@ class Attention(nn.Module):
 
 
 class RowEncoder(nn.Module):
-    """Input of the hidden layers: the part's own columns, and attention over its neighbours."""
+    """Input of the hidden layers: the part's own columns, and attention over its neighbours.
+
+    Attributes:
+        mean, scale: None, or (columns,) of standardized rows without neighbours; a scale of 0: not known yet.
+    """
+
+    mean: torch.Tensor | None
+    scale: torch.Tensor | None
 
     def __init__(self, shape: Shape, attention: int) -> None:
         super().__init__()
         self.shape = shape
+        self.register_buffer("mean", None)
+        self.register_buffer("scale", None)
         self.size = shape.own
         self.attention: Attention | None = None
         if shape.neighbours:
@@ -130,7 +140,7 @@ class RowEncoder(nn.Module):
     def forward(self, rows: torch.Tensor) -> torch.Tensor:
         """Return (..., size) for rows (..., columns)."""
         if self.attention is None:
-            return rows
+            return rows if self.scale is None else ((rows - self.mean) * self.scale).clamp(-STANDARD, STANDARD)
         own = rows[..., : self.shape.own]
         others = rows[..., self.shape.own :].unflatten(-1, (self.shape.neighbours, self.shape.width))
         return torch.cat([own, self.attention(own, others)], dim=-1)
@@ -200,6 +210,9 @@ class PartsCritic(nn.Module):
             code = torch.cat([code, mean.expand(*code.shape[:-1], -1)], dim=-1)
         return self.value(self.hidden(code)).squeeze(-1)
 
+
+LEAST_DEVIATION = 0.02
+"""Added to the standard deviations of rows."""
 
 BASIS = 32
 """Basis functions of an element's position."""
@@ -343,6 +356,7 @@ class ActorCritic(nn.Module):
         settings: name, widths and activation of the networks.
         log_std: initial logarithmic standard deviation of exploration.
         noise_floor: see :class:`PartsActor`, which alone has one; None: none.
+        standardized: standardize rows without neighbours, see :meth:`standardize`.
     """
 
     def __init__(
@@ -351,6 +365,7 @@ class ActorCritic(nn.Module):
         settings: NetworkSettings,
         log_std: float,
         noise_floor: float | None = None,
+        standardized: bool = False,
     ) -> None:
         super().__init__()
         self.coding, self.network = coding, settings.network
@@ -359,6 +374,27 @@ class ActorCritic(nn.Module):
         floor = {} if noise_floor is None else {"floor": noise_floor}
         self.actor = make_actor(coding.shape, list(settings.net), *rest, log_std, **floor)
         self.critic = make_critic(coding.shape, list(settings.critic_net), *rest)
+        if standardized:
+            self._set(torch.zeros(coding.shape.columns), torch.zeros(coding.shape.columns))
+
+    @property
+    def unknown(self) -> bool:
+        """Whether rows are to be standardized and :meth:`standardize` was not called yet."""
+        scale = self.actor.eyes.scale
+        return scale is not None and not bool(scale.any())
+
+    def standardize(self, rows: torch.Tensor) -> None:
+        """Standardize rows by means and standard deviations of these (..., columns); columns that hardly vary stay small."""
+        every = rows.reshape(-1, rows.shape[-1])
+        self._set(every.mean(dim=0), 1.0 / (every.std(dim=0) + LEAST_DEVIATION))
+
+    def standardize_critic(self) -> None:
+        """Standardize the critic's rows as the actor's, which was loaded."""
+        self._set(self.actor.eyes.mean, self.actor.eyes.scale)
+
+    def _set(self, mean: torch.Tensor, scale: torch.Tensor) -> None:
+        for network in (self.actor, self.critic):
+            network.eyes.mean, network.eyes.scale = mean.clone(), scale.clone()
 
     def sample(self, rows: torch.Tensor, noise: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return actions (..., action) for rows (..., columns) and standard normal noise, and log-probabilities (...)."""

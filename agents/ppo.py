@@ -105,6 +105,9 @@ class PPO(PartsLearner):
         multiplier_rate: float = Field(default=0.05, gt=0, le=100)
         """Change of the multiplier in an update, times the excess."""
 
+        standardized: bool = False
+        """Standardize rows by means and standard deviations of the first rollout; network ``joint`` alone."""
+
         critic_steps: int = Field(default=0, ge=0, le=MAX_STEPS)
         """First steps, in which the critic alone learns."""
 
@@ -113,6 +116,8 @@ class PPO(PartsLearner):
             for name in ("touch_cost", "shared"):
                 if self.network == "joint" and getattr(self, name):
                     raise checks.conflict(f"{name} requires rows of parts, and network 'joint' has one row for all")
+            if self.standardized and self.network != "joint":
+                raise checks.conflict(f"standardized requires network 'joint', got {self.network!r}")
             if self.noise_floor is not None and self.network != "parts":
                 raise checks.conflict(f"noise_floor requires network 'parts', got {self.network!r}")
             return self
@@ -149,7 +154,7 @@ class PPO(PartsLearner):
             check_memory(imitation, coding, settings.worlds)
         self.rollout = Rollout(own, env.num_envs, coding, TaskInfo.of(env.env))
         torch.manual_seed(settings.seed)
-        self.policy = ActorCritic(coding, own, own.log_std_init, own.noise_floor)
+        self.policy = ActorCritic(coding, own, own.log_std_init, own.noise_floor, own.standardized)
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=own.learning_rate, eps=1e-5, fused=True)
         self.multiplier = 0.0  # of costs
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
@@ -160,6 +165,8 @@ class PPO(PartsLearner):
             self.experts = experts(imitation, settings.action, settings.seed, env)
         if settings.start is not None:
             self.start_from(Path(for_seed(settings.start, settings.seed)))
+            if own.standardized:
+                self.policy.standardize_critic()
 
     def learn(self, until: int, report: Report) -> None:
         """Alternate rollouts and updates, see :meth:`agents.algorithms.Algorithm.learn`.
@@ -172,6 +179,9 @@ class PPO(PartsLearner):
             report(metrics)
             self.worlds.begin(self.steps)
             self.steps += self.collect()
+            if self.policy.unknown:  # nothing is learned from actions of other inputs
+                self.policy.standardize(torch.from_numpy(self.rollout.rows[:-1]))
+                continue
             metrics = self.update(1.0 - self.steps / until)
             self._adapt_multiplier()
             metrics |= self.worlds.metrics()

@@ -116,12 +116,13 @@ def test_one_row_for_all_parts_corrects_velocities(tmp_path):
     own = {
         "environment": {"action": "velocity"}, "residual": {"base": {"kind": "push", "action": "velocity"}, "scale": 0.4},
         "worlds": 8, "steps": 256, "output": str(tmp_path / "run"), "selection": {"episodes": 2, "every": 256},
-        "ppo": {**helpers.PPO, "network": "joint"}, "serves": {"hardware": "any"},
+        "ppo": {**helpers.PPO, "network": "joint", "standardized": True}, "serves": {"hardware": "any"},
     }  # fmt: skip
     file = tmp_path / "push.yaml"
     file.write_text(yaml.safe_dump({"vibgym/Push-v0": {"one": own}}))
     path = train(file, quiet=True, agent="Push/one")
-    assert ["plan_push", 4] in load_set(path, KIND, VERSION)[1]["columns"]
+    tensors, record = load_set(path, KIND, VERSION)
+    assert ["plan_push", 4] in record["columns"] and (tensors["eyes.scale"] > 0.0).all()
     env = gym.make_vec("vibgym/Push-v0", num_envs=4, action="velocity", observation="parts_and_state")
     info = info_of("Push", action="velocity")
     seen, _ = env.reset(seed=0)
@@ -132,6 +133,36 @@ def test_one_row_for_all_parts_corrects_velocities(tmp_path):
         1e-4 < np.abs(change[:, :2, :2]).max() < 0.4
         and np.abs(change[:, 2]).max() == np.abs(change[..., 2]).max() == 0.0
     )
+
+
+def test_rows_are_standardized_by_the_first_rollout(tmp_path):
+    """In torch and in NumPy alike; a run that starts from a file keeps the file's."""
+    own = {
+        "task": "Push", "environment": {"action": "velocity"}, "residual": {"base": {"kind": "push", "action": "velocity"}},
+        "ppo": {**helpers.PPO, "network": "joint", "standardized": True},
+    }  # fmt: skip
+    learner = PPO(load_settings(helpers.written(tmp_path, **own)))
+    assert learner.policy.unknown
+    learner.learn(128, lambda metrics: None)
+    rows = learner.rollout.rows[:-1].reshape(-1, learner.rollout.rows.shape[-1])
+    actor = learner.policy.actor
+    assert not learner.policy.unknown and learner.steps == 128  # the first rollout, without an update
+    standard = actor.eyes(torch.from_numpy(rows)).numpy()
+    varies = rows.std(axis=0) > 0.2
+    assert np.abs(standard.mean(axis=0)).max() < 0.2 and np.abs(standard.std(axis=0)[varies] - 0.95).max() < 0.1
+    with torch.no_grad():
+        mean, log_std = actor(torch.from_numpy(rows))
+    acting = learner.acting().outputs(rows[:, None])
+    np.testing.assert_allclose(acting[0][:, 0], mean.numpy(), atol=1e-5)
+    np.testing.assert_allclose(acting[1][:, 0], log_std.numpy(), atol=1e-5)
+    path = tmp_path / "policy.json"
+    learner.save_policy(path, {})
+    learner.close()
+    started = PPO(load_settings(helpers.written(tmp_path, **own, start=str(path))))
+    assert not started.policy.unknown
+    for network in (started.policy.actor, started.policy.critic):
+        assert torch.equal(network.eyes.scale, actor.eyes.scale) and torch.equal(network.eyes.mean, actor.eyes.mean)
+    started.close()
 
 
 def test_a_run_starts_from_a_correction_of_the_same_base(hybrid, tmp_path):

@@ -157,6 +157,7 @@ REFUSED = {
     "base that is corrected": ({**HYBRID, "residual": {"base": {"kind": "residual", "path": "x.json"}}}, "residual.base"),
     "network of a correction": ({**HYBRID, "ppo": {"network": "elements"}}, "network"),
     "one row that imitates": ({"ppo": {"network": "joint"}, "imitation": {"expert": {"kind": "pose"}}}, "imitation"),
+    "parts that are standardized": ({"ppo": {"standardized": True}}, "standardized"),
     "one row that touches": ({"ppo": {"network": "joint", "touch_cost": 0.1}}, "touch_cost"),
     "action of the base": ({**HYBRID, "residual": {"base": {"kind": "pose", "action": "phasor"}}}, "base.action"),
     "base with memory": ({**HYBRID, **own(history=True)}, "ppo.history"),
