@@ -91,7 +91,7 @@ def names_of(env, coding):
     """Return the names of the columns of a joint row; the displacements of other parts are called "away"."""
     own = [name for name, width in coding.columns if not name.startswith("neighbour_") for _ in range(width)]
     others = ["away" if name == "position" else name for name in own]
-    return own + 2 * (others + 4 * len(WAVES) * ["wave"] * (not coding.adds_velocities))
+    return own + 2 * (others + 4 * len(WAVES) * ["wave"])
 
 
 @given(st.integers(0, 10_000))

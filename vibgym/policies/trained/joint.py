@@ -57,8 +57,8 @@ class JointCoding(Coding):
     own columns, without neighbours. If the anchor's heading is unique, vectors and the velocities of actions are in the
     anchor's frame, else in the table's. The position of other parts is replaced by their displacement from the anchor.
 
-    Rows of a correction (:mod:`.residual`) have the velocities and the plan of the base instead of the waves of displacements.
-    Its outputs are velocities (x, y) that are added to those of the base, which turns the parts.
+    Rows of a correction (:mod:`.residual`) also have the velocities and the plan of the base. Its outputs are velocities (x, y)
+    that are added to those of the base, which turns the parts.
 
     Args: see :class:`.coding.Coding`; ``turned``, ``history`` and ``history_columns`` must be False or empty.
 
@@ -96,14 +96,13 @@ class JointCoding(Coding):
         self._vectors = np.array([start for vector in vectors for start in vector], dtype=np.int64)
         self._base = next((start for name, _, start in own if name == BASE), None)
         self.adds_velocities = self._base is not None
-        self._waves = WAVES[:0] if self.adds_velocities else WAVES
         self.slots, self._nearest = 1, None
         anchor = next((k for k, part in enumerate(self.parts) if part.coupling == 0.0), 0)
         self._others = [k for k in range(len(self.parts)) if k != anchor]
         self._driven = [k for k, part in enumerate(self.parts) if part.coupling > 0.0]
         self.anchor, self._rotates = anchor, self.parts[anchor].symmetry == 1
         self._half = 0.5 * np.array([surface.width, surface.depth])
-        block = self._own_columns + 4 * len(self._waves)
+        block = self._own_columns + 4 * len(WAVES)
         values, numbers = 2 if self.adds_velocities else Velocity(surface, self.parts).shape[1], len(self._driven)
         self.shape = self.shape._replace(
             columns=self._own_columns + block * len(self._others),
@@ -159,7 +158,7 @@ class JointCoding(Coding):
                 sign[start + 1 : start + 3] = -1.0
             elif name.startswith(("turn", "spin")) or name.endswith("spin"):
                 sign[start : start + width] = -1.0
-        waves = np.ones((2, 2, len(self._waves)), dtype=np.float32)  # sines and cosines, x and y
+        waves = np.ones((2, 2, len(WAVES)), dtype=np.float32)  # sines and cosines, x and y
         waves[0, axis] = -1.0
         others, block = len(self._others), self._own_columns + waves.size
         orders = [order] + [
@@ -192,7 +191,7 @@ class JointCoding(Coding):
             x, y = _velocity(rows[..., self._base : self._base + 2])
             rows[..., self._base], rows[..., self._base + 1] = rotated(x, y, cos[..., 0], -sin[..., 0])
         rows[:, self._others, place] = away[:, self._others] / np.float32(REACH)
-        phase = (away[..., None] * self._waves).reshape(worlds, len(self.parts), -1).astype(np.float32)
+        phase = (away[..., None] * WAVES).reshape(worlds, len(self.parts), -1).astype(np.float32)
         wide = np.concatenate([rows[..., : self._own_columns], np.sin(phase), np.cos(phase)], axis=-1)
         wide *= inputs.mask[..., None]
         joint = [rows[:, first, : self._own_columns], wide[:, self._others].reshape(worlds, -1)]
