@@ -30,7 +30,7 @@ AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task
 OPEN ?= $(if $(filter file,$(origin AGENTS)),Swap/taught Swap/first Swap/second Swap/third Swap/ideal SwapCrowded/taught SwapCrowded/first SwapCrowded/second SwapCrowded/third \
 	SwapCrowded/ideal PackFull/taught PackFull/first PackFull/second PackFull/third PackFull/fourth PackFull/ideal FeedHeaps/ideal \
 	FeedHeaps/prototype \
-	Feed/ideal Feed/prototype Pack/taught Pack/ideal Pack/prototype Push/first Push/joint)
+	Feed/ideal Feed/prototype Pack/taught Pack/ideal Pack/prototype Push/joint)
 SEEDS ?= 0 1 2
 OPEN_SEEDS ?= 1
 
