@@ -368,7 +368,7 @@ class ActorCritic(nn.Module):
         standardized: bool = False,
     ) -> None:
         super().__init__()
-        self.coding, self.network = coding, settings.network
+        self.coding, self.network, self.standardized = coding, settings.network, standardized
         make_actor, make_critic = NETWORKS[settings.network]
         rest = settings.activation, settings.attention
         floor = {} if noise_floor is None else {"floor": noise_floor}
@@ -380,8 +380,7 @@ class ActorCritic(nn.Module):
     @property
     def unknown(self) -> bool:
         """Whether rows are to be standardized and :meth:`standardize` was not called yet."""
-        scale = self.actor.eyes.scale
-        return scale is not None and not bool(scale.any())
+        return self.standardized and not bool(self.actor.eyes.scale.any())
 
     def standardize(self, rows: torch.Tensor) -> None:
         """Standardize rows by means and standard deviations of these (..., columns); columns that hardly vary stay small."""
