@@ -123,7 +123,7 @@ class RowEncoder(nn.Module):
         mean, scale: None, or (columns,) of standardized rows without neighbours; a scale of 0: not known yet.
     """
 
-    mean: torch.Tensor | None
+    mean: torch.Tensor
     scale: torch.Tensor | None
 
     def __init__(self, shape: Shape, attention: int) -> None:
