@@ -211,7 +211,7 @@ class PartsCritic(nn.Module):
         return self.value(self.hidden(code)).squeeze(-1)
 
 
-LEAST_DEVIATION = 0.02
+MIN_DEVIATION = 0.02
 """Added to the standard deviations of rows."""
 
 BASIS = 32
@@ -378,14 +378,14 @@ class ActorCritic(nn.Module):
             self._set(torch.zeros(coding.shape.columns), torch.zeros(coding.shape.columns))
 
     @property
-    def unknown(self) -> bool:
+    def unstandardized(self) -> bool:
         """Whether rows are to be standardized and :meth:`standardize` was not called yet."""
         return self.standardized and not bool(self.actor.eyes.scale.any())
 
     def standardize(self, rows: torch.Tensor) -> None:
         """Standardize rows by means and standard deviations of these (..., columns); columns that hardly vary stay small."""
         every = rows.reshape(-1, rows.shape[-1])
-        self._set(every.mean(dim=0), 1.0 / (every.std(dim=0) + LEAST_DEVIATION))
+        self._set(every.mean(dim=0), 1.0 / (every.std(dim=0) + MIN_DEVIATION))
 
     def standardize_critic(self) -> None:
         """Standardize the critic's rows as the actor's, which was loaded."""

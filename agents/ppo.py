@@ -179,7 +179,7 @@ class PPO(PartsLearner):
             report(metrics)
             self.worlds.begin(self.steps)
             self.steps += self.collect()
-            if self.policy.unknown:  # nothing is learned from actions of other inputs
+            if self.policy.unstandardized:  # nothing is learned from actions of other inputs
                 self.policy.standardize(torch.from_numpy(self.rollout.rows[:-1]))
                 continue
             metrics = self.update(1.0 - self.steps / until)

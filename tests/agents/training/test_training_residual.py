@@ -142,11 +142,11 @@ def test_rows_are_standardized_by_the_first_rollout(tmp_path):
         "ppo": {**helpers.PPO, "network": "joint", "standardized": True},
     }  # fmt: skip
     learner = PPO(load_settings(helpers.written(tmp_path, **own)))
-    assert learner.policy.unknown
+    assert learner.policy.unstandardized
     learner.learn(128, lambda metrics: None)
     rows = learner.rollout.rows[:-1].reshape(-1, learner.rollout.rows.shape[-1])
     actor = learner.policy.actor
-    assert not learner.policy.unknown and learner.steps == 128  # the first rollout, without an update
+    assert not learner.policy.unstandardized and learner.steps == 128  # the first rollout, without an update
     standard = actor.eyes(torch.from_numpy(rows)).numpy()
     varies = rows.std(axis=0) > 0.2
     assert np.abs(standard.mean(axis=0)).max() < 0.2 and np.abs(standard.std(axis=0)[varies] - 0.95).max() < 0.1
@@ -159,7 +159,7 @@ def test_rows_are_standardized_by_the_first_rollout(tmp_path):
     learner.save_policy(path, {})
     learner.close()
     started = PPO(load_settings(helpers.written(tmp_path, **own, start=str(path))))
-    assert not started.policy.unknown
+    assert not started.policy.unstandardized
     for network in (started.policy.actor, started.policy.critic):
         assert torch.equal(network.eyes.scale, actor.eyes.scale) and torch.equal(network.eyes.mean, actor.eyes.mean)
     started.close()
