@@ -6,8 +6,8 @@ Friction, size and mass of all parts are first varied alone, outwards from the p
 Then scenes are drawn from inside all ranges at once, and from the frequencies that the file states. While these fail more often
 than they may, the range whose end has most of the failures is shortened by a tenth of the scenes (patient rule induction,
 Friedman and Fisher, "Bump hunting in high-dimensional data", Statistics and Computing 1999). The same is done with discs in
-place of the parts, which need not turn. Scenes have the hardware of training, or both for an agent that serves any, the planar
-model and certified contacts.
+place of the parts, which need not turn; if some parts of the task are discs, all parts have the same ranges. Scenes have the
+hardware of training, or both for an agent that serves any, the planar model and certified contacts.
 """
 
 from __future__ import annotations
@@ -287,7 +287,7 @@ def measured(path: Path) -> dict[str, Ranges | None]:
     with tempfile.TemporaryDirectory() as folder:
         agent = Range(path, Path(folder))
         found: dict[str, Ranges | None] = {PARTS: agent.together() | agent.fixed}
-        if not agent.fixed:
+        if not agent.fixed and all(nominal(part).symmetry for part in agent.parts):
             discs = agent.with_discs()
             found[DISCS] = discs.together() if discs.serves({}) else None
     return {

@@ -127,6 +127,19 @@ def test_the_command_stores_the_ranges_and_nothing_else(tmp_path, monkeypatch, c
     assert main(["range", str(tmp_path / "none.json")]) == 2
 
 
+@pytest.mark.full
+def test_pushers_which_are_discs_have_the_ranges_of_all_parts(monkeypatch):
+    """Replacing all parts by discs would measure another task, which fails, and the agent would refuse its own pushers."""
+    monkeypatch.setattr(
+        Range, "play", lambda self, factors, episodes, *rest, **scene: (np.ones(episodes), np.ones(episodes))
+    )
+    monkeypatch.setattr(Range, "together", lambda self: {name: list(span) for name, span in self.own.items()})
+    ranges = served.measured(SHIPPED / "push-joint.json")
+    assert ranges.keys() == {"parts"}
+    for task in ("Push", "PushAny", "PushShapes"):
+        check_range("it", ranges, served.kinds_in(task))
+
+
 OUTSIDE = {"shape": "disc", "radius": 0.09, "friction": 0.05}
 
 
