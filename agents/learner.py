@@ -87,7 +87,8 @@ class PartsLearner:
 
     def acting(self) -> TrainedPolicy:
         """Return the present policy in NumPy."""
-        return TrainedPolicy(self.actor(), self.policy.actor.kind, self.network.activation, self.policy.coding)
+        policy = self.policy
+        return TrainedPolicy(self.actor(), policy.actor.kind, self.network.activation, policy.coding, policy.symmetric)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -146,6 +147,7 @@ class PartsLearner:
             "action": coding.action,
             "network": self.network.network,
             "activation": self.network.activation,
+            **({"symmetric": True} if self.policy.symmetric else {}),
             "training": training,
         }
         if settings.residual is not None:
@@ -226,5 +228,6 @@ def _form(policy: TrainedPolicy) -> dict[str, Any]:
         "ppo.history_columns": coding.history_columns,
         "ppo.network": policy.network,
         "ppo.activation": policy.activation,
+        "ppo.symmetric": policy.symmetry is not None,
         "layers": {name: tensor.shape for name, tensor in policy.tensors.items() if name != FLOOR},
     }

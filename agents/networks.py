@@ -34,6 +34,7 @@ from vibgym.policies.trained.networks import (
     STANDARD,
     ImageShape,
     Shape,
+    Symmetry,
     occupied,
 )
 from vibgym.policies.trained.trained import CODINGS
@@ -211,6 +212,35 @@ class PartsCritic(nn.Module):
         return self.value(self.hidden(code)).squeeze(-1)
 
 
+class JointActor(PartsActor):
+    """The same for one row of all parts.
+
+    Attributes:
+        symmetry: averages over equivalent scenes; None: no average.
+    """
+
+    symmetry: Symmetry | None = None
+
+    def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """See :meth:`PartsActor.forward`."""
+        if self.symmetry is None:
+            return super().forward(rows)
+        mean, log_std = super().forward(self.symmetry.rows(rows))
+        return self.symmetry.mean(mean), self.symmetry.spread(log_std)
+
+
+class JointCritic(PartsCritic):
+    """The same for one row of all parts; see :class:`JointActor`."""
+
+    symmetry: Symmetry | None = None
+
+    def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+        """See :meth:`PartsCritic.forward`."""
+        if self.symmetry is None:
+            return super().forward(rows, mask)
+        return super().forward(self.symmetry.rows(rows), mask).mean(dim=-1)
+
+
 MIN_DEVIATION = 0.02
 """Added to the standard deviations of rows."""
 
@@ -315,7 +345,7 @@ class PixelsCritic(PartsCritic):
 
 NETWORKS: dict[str, tuple[Any, Any]] = {
     "parts": (PartsActor, PartsCritic),
-    "joint": (PartsActor, PartsCritic),
+    "joint": (JointActor, JointCritic),
     "elements": (ElementsActor, PartsCritic),
     "pixels": (PixelsActor, PixelsCritic),
 }
@@ -357,6 +387,7 @@ class ActorCritic(nn.Module):
         log_std: initial logarithmic standard deviation of exploration.
         noise_floor: see :class:`PartsActor`, which alone has one; None: none.
         standardized: standardize rows without neighbours, see :meth:`standardize`.
+        symmetric: average both networks over the equivalent scenes of the coding.
     """
 
     def __init__(
@@ -366,14 +397,19 @@ class ActorCritic(nn.Module):
         log_std: float,
         noise_floor: float | None = None,
         standardized: bool = False,
+        symmetric: bool = False,
     ) -> None:
         super().__init__()
-        self.coding, self.network, self.standardized = coding, settings.network, standardized
+        self.coding, self.network, self.standardized, self.symmetric = coding, settings.network, standardized, symmetric
         make_actor, make_critic = NETWORKS[settings.network]
         rest = settings.activation, settings.attention
         floor = {} if noise_floor is None else {"floor": noise_floor}
         self.actor = make_actor(coding.shape, list(settings.net), *rest, log_std, **floor)
         self.critic = make_critic(coding.shape, list(settings.critic_net), *rest)
+        if symmetric:
+            assert coding.symmetry is not None
+            symmetry = Symmetry(*map(torch.from_numpy, coding.symmetry))
+            self.actor.symmetry = self.critic.symmetry = symmetry
         if standardized:
             self._set(torch.zeros(coding.shape.columns), torch.zeros(coding.shape.columns))
 

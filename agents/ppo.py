@@ -9,18 +9,19 @@ With ``cost_limit`` costs are subtracted from rewards with a multiplier (PPO-Lag
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from pydantic import Field, model_validator
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from agents.imitation import Imitation, check_memory, experts
 from agents.learner import PartsLearner, Report
 from agents.learning_curve import without_hold
-from agents.networks import ActorCritic, log_probability
+from agents.networks import ActorCritic, log_probability, trained_tensors
 from agents.rollout import Rollout
 from agents.training_envs import Worlds
 from agents.training_settings import (
@@ -108,6 +109,13 @@ class PPO(PartsLearner):
         standardized: bool = False
         """Standardize rows by means and standard deviations of the first rollout; network ``joint`` alone."""
 
+        symmetric: bool = False
+        """Average actor and critic over equivalent scenes, so that they are equal in all of them; network ``joint`` alone."""
+
+        averaging: float = Field(default=0.0, ge=0, lt=1)
+        """Weight of earlier updates in the moving average of the actor that is evaluated and stored instead of the last one
+        (Polyak & Juditsky 1992); exploration uses the last one. 0: no average."""
+
         critic_steps: int = Field(default=0, ge=0, le=MAX_STEPS)
         """First steps, in which the critic alone learns."""
 
@@ -116,8 +124,9 @@ class PPO(PartsLearner):
             for name in ("touch_cost", "shared"):
                 if self.network == "joint" and getattr(self, name):
                     raise checks.conflict(f"{name} requires rows of parts, and network 'joint' has one row for all")
-            if self.standardized and self.network != "joint":
-                raise checks.conflict(f"standardized requires network 'joint', got {self.network!r}")
+            for name in ("standardized", "symmetric"):
+                if getattr(self, name) and self.network != "joint":
+                    raise checks.conflict(f"{name} requires network 'joint', got {self.network!r}")
             if self.noise_floor is not None and self.network != "parts":
                 raise checks.conflict(f"noise_floor requires network 'parts', got {self.network!r}")
             return self
@@ -154,8 +163,12 @@ class PPO(PartsLearner):
             check_memory(imitation, coding, settings.worlds)
         self.rollout = Rollout(own, env.num_envs, coding, TaskInfo.of(env.env))
         torch.manual_seed(settings.seed)
-        self.policy = ActorCritic(coding, own, own.log_std_init, own.noise_floor, own.standardized)
+        self.policy = ActorCritic(coding, own, own.log_std_init, own.noise_floor, own.standardized, own.symmetric)
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=own.learning_rate, eps=1e-5, fused=True)
+        average = get_ema_multi_avg_fn(own.averaging)
+        self.averaged = (
+            AveragedModel(self.policy.actor, multi_avg_fn=average, use_buffers=True) if own.averaging else None
+        )
         self.multiplier = 0.0  # of costs
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
         # Steps of imitation count, but do not train the critic.
@@ -180,7 +193,8 @@ class PPO(PartsLearner):
             self.worlds.begin(self.steps)
             self.steps += self.collect()
             if self.policy.unstandardized:  # nothing is learned from actions of other inputs
-                self.policy.standardize(torch.from_numpy(self.rollout.rows[:-1]))
+                if self.steps >= 0.5 * self.critic_steps:
+                    self.policy.standardize(torch.from_numpy(self.rollout.rows[:-1]))
                 continue
             metrics = self.update(1.0 - self.steps / until)
             self._adapt_multiplier()
@@ -233,6 +247,8 @@ class PPO(PartsLearner):
             loss.backward()
             torch.nn.utils.clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
             self.optimizer.step()
+        if self.averaged is not None and actor_learns:
+            self.averaged.update_parameters(self.policy.actor)
         self.check_finite()
         return {name: float(np.mean([terms[name] for terms in losses])) for name in losses[0]} | {"pace": self.pace}
 
@@ -291,9 +307,22 @@ class PPO(PartsLearner):
             self.check_finite()
             yield error
 
+    def actor(self) -> dict[str, np.ndarray]:
+        """Return the actor's tensors, or their average."""
+        if self.averaged is None or not self.averaged.n_averaged:
+            return super().actor()
+        return trained_tensors(self.averaged.module)
+
+    def set_actor(self, tensors: Mapping[str, np.ndarray]) -> None:
+        """Replace the actor's tensors; their average starts again."""
+        super().set_actor(tensors)
+        if self.averaged is not None:
+            self.averaged.n_averaged.zero_()
+
     def learned(self) -> dict[str, Any]:
         """Return networks and optimizers by their names in checkpoints."""
-        return {"policy": self.policy, "optimizer": self.optimizer}
+        average = {} if self.averaged is None else {"averaged": self.averaged}
+        return {"policy": self.policy, "optimizer": self.optimizer, **average}
 
     def get_state(self) -> dict[str, Any]:
         """Return everything that the rest of the run depends on."""

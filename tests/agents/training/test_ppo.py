@@ -169,6 +169,22 @@ def test_the_critic_learns_first(learner):
     assert changed == [set(), {"critic"}, {"critic", "actor"}]
 
 
+def test_the_average_of_the_last_actors_is_stored_and_the_last_one_explores(learner):
+    steps = STEPS * WORLDS
+    learner, last, stored = learner(steps=4 * steps, batch_size=8, critic_steps=steps, averaging=0.75), [], []
+
+    def report(metrics):
+        last.append({name: tensor.numpy().copy() for name, tensor in learner.policy.actor.state_dict().items()})
+        stored.append({name: tensor.copy() for name, tensor in learner.actor().items()})
+
+    learner.learn(4 * steps, report)
+    for name, expected in last[2].items():  # before two reports no update changed the actor
+        for k in range(5):
+            expected = last[k][name] if k < 3 else 0.75 * expected + 0.25 * last[k][name]
+            np.testing.assert_allclose(stored[k][name], expected, rtol=1e-5, atol=1e-7)
+    assert np.abs(stored[4]["mean.weight"] - last[4]["mean.weight"]).max() > 1e-5
+
+
 def test_correlated_noise_is_standard_normal_and_begins_anew_with_episodes(learner):
     learner = learner(action="velocity", worlds=400, n_steps=4, noise_correlation=0.9)
     shape, steps, begins = (400, 1, 3), 30, 20

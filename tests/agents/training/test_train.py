@@ -45,7 +45,7 @@ RUNS = {
     },
     "noise": {
         "curriculum": [{"environment": {"max_episode_steps": 20}, "until": {"steps": 384}}],
-        "ppo": {**OWN, "noise_correlation": 0.9},
+        "ppo": {**OWN, "noise_correlation": 0.9, "averaging": 0.7},
     },
     "residual": {"environment": WRENCH, "residual": {"base": {"kind": "pose"}}},
     "iql": {"environment": WRENCH, "algorithm": "offline", "offline": {**LEARNED, "method": "iql", "critic_net": [8]}},

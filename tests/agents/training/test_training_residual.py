@@ -135,11 +135,12 @@ def test_one_row_for_all_parts_corrects_velocities(tmp_path):
     )
 
 
-def test_rows_are_standardized_by_the_first_rollout(tmp_path):
-    """In torch and in NumPy alike; a run that starts from a file keeps the file's."""
+@pytest.mark.parametrize("symmetric", [False, True])
+def test_rows_are_standardized_by_a_rollout(tmp_path, symmetric):
+    """In torch and in NumPy alike, and equal in equivalent scenes; a run that starts from a file keeps the file's."""
     own = {
         "task": "Push", "environment": {"action": "velocity"}, "residual": {"base": {"kind": "push", "action": "velocity"}},
-        "ppo": {**helpers.PPO, "network": "joint", "standardized": True},
+        "ppo": {**helpers.PPO, "network": "joint", "standardized": True, "symmetric": symmetric, "averaging": 0.5},
     }  # fmt: skip
     learner = PPO(load_settings(helpers.written(tmp_path, **own)))
     assert learner.policy.unstandardized
@@ -155,6 +156,14 @@ def test_rows_are_standardized_by_the_first_rollout(tmp_path):
     acting = learner.acting().outputs(rows[:, None])
     np.testing.assert_allclose(acting[0][:, 0], mean.numpy(), atol=1e-5)
     np.testing.assert_allclose(acting[1][:, 0], log_std.numpy(), atol=1e-5)
+    with torch.no_grad():
+        value = learner.policy.critic(torch.from_numpy(rows[:, None]), None)
+    for order, sign, to, times in learner.policy.coding.equivalents if symmetric else ():
+        other = torch.from_numpy(rows[:, order] * sign)
+        with torch.no_grad():
+            same, equal = actor(other)[0], learner.policy.critic(other[:, None], None)
+        np.testing.assert_allclose(same.numpy(), mean.numpy()[:, to] * times, atol=1e-5)
+        np.testing.assert_allclose(equal.numpy(), value.numpy(), atol=1e-4)
     path = tmp_path / "policy.json"
     learner.save_policy(path, {})
     learner.close()
@@ -163,6 +172,8 @@ def test_rows_are_standardized_by_the_first_rollout(tmp_path):
     for network in (started.policy.actor, started.policy.critic):
         assert torch.equal(network.eyes.scale, actor.eyes.scale) and torch.equal(network.eyes.mean, actor.eyes.mean)
     started.close()
+    policy = load_correction(path, info_of("Push", action="velocity", observation="parts_and_state")).learned
+    np.testing.assert_allclose(policy.outputs(rows[:, None])[0][:, 0], mean.numpy(), atol=1e-5)
 
 
 def test_a_run_starts_from_a_correction_of_the_same_base(hybrid, tmp_path):

@@ -158,6 +158,7 @@ REFUSED = {
     "network of a correction": ({**HYBRID, "ppo": {"network": "elements"}}, "network"),
     "one row that imitates": ({"ppo": {"network": "joint"}, "imitation": {"expert": {"kind": "pose"}}}, "imitation"),
     "parts that are standardized": ({"ppo": {"standardized": True}}, "standardized"),
+    "parts that are averaged": ({"ppo": {"symmetric": True}}, "symmetric"),
     "one row that touches": ({"ppo": {"network": "joint", "touch_cost": 0.1}}, "touch_cost"),
     "action of the base": ({**HYBRID, "residual": {"base": {"kind": "pose", "action": "phasor"}}}, "base.action"),
     "base with memory": ({**HYBRID, **own(history=True)}, "ppo.history"),

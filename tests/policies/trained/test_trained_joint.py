@@ -131,7 +131,7 @@ def mirrored(env, seen):
             rows[:, at + 1] *= -1.0
         elif row.name == "borders":
             rows[:, [at, at + 1]] = rows[:, [at + 1, at]]
-        elif row.name.startswith(("turn", "spin")):
+        elif row.name.startswith(("turn", "spin")) or row.name == "plan_turn":
             rows[:, at : at + row.width] *= -1.0
         elif row.name == "base":
             rows[:, [at, at + 2]] *= -1.0
@@ -176,6 +176,37 @@ def test_corrections_of_equivalent_scenes_are_equivalent(correction):
         acted = coding.decode(inputs, turned).reshape(3, 3)
         acted = acted[[1, 0, 2]] if k % 2 else acted  # exchanged discs
         np.testing.assert_allclose(acted * [sign, 1.0, 1.0], done, atol=1e-6)
+
+
+def test_an_averaged_network_is_equal_in_equivalent_scenes(correction):
+    """Its mean is the mean of those in all scenes, each transformed back; in all of them it does the same."""
+    _, coding, seen = correction
+    rng, size, values = np.random.default_rng(2), coding.shape.columns, coding.shape.action
+    weights = rng.normal(size=(size, 2 * values)).astype(np.float32) / size**0.5
+
+    def network(rows):
+        outputs = np.tanh(rows @ weights)
+        return outputs[..., :values], outputs[..., values:]
+
+    rows = coding.encode(seen).rows
+    mean, log_std = (
+        average(outputs)
+        for average, outputs in zip(
+            (coding.symmetry.mean, coding.symmetry.spread), network(coding.symmetry.rows(rows)), strict=True
+        )
+    )
+    expected = np.zeros_like(mean)
+    for equivalent in coding.equivalents:
+        other = network(rows[..., equivalent.order] * equivalent.sign)[0]
+        expected[..., equivalent.to] += 0.25 * other * equivalent.times
+        there = coding.symmetry.rows(rows[..., equivalent.order] * equivalent.sign)
+        np.testing.assert_allclose(
+            coding.symmetry.mean(network(there)[0]), transformed(equivalent, rows, mean)[1], atol=1e-6
+        )
+        spread = transformed(equivalent._replace(times=1.0), rows, log_std)[1]
+        np.testing.assert_allclose(coding.symmetry.spread(network(there)[1]), spread, atol=1e-6)
+    np.testing.assert_allclose(mean, expected, atol=1e-6)
+    assert np.abs(mean - network(rows)[0]).max() > 0.05
 
 
 def test_different_parts_are_not_exchanged_and_one_part_has_no_others():

@@ -12,7 +12,7 @@ from vibgym.envs.actions import ACTIONS, actions_by_part
 from vibgym.envs.local_actions import patch_size
 from vibgym.envs.observations import PIXELS
 from vibgym.policies.foreign import element_code
-from vibgym.policies.trained.networks import ImageShape, Shape
+from vibgym.policies.trained.networks import ImageShape, Shape, Symmetry
 from vibgym.policies.trained.symmetry import Turns
 
 TOUCHING = 0.02
@@ -68,6 +68,7 @@ class Coding:
         columns: names and widths of the columns that the network reads.
         slots: rows of a world.
         equivalents: transformations of rows and outputs, see :class:`.joint.JointCoding`; empty in this class.
+        symmetry: for networks that are equal in all of these; None without equivalents.
         adds_velocities: whether a correction of a base policy (:mod:`.residual`) is added to the velocities of its action, and
             not to the values.
 
@@ -80,6 +81,7 @@ class Coding:
     dtype: Any = np.float32  # of rows
     shape: Any
     equivalents: Sequence[Any] = ()
+    symmetry: Symmetry | None = None
     adds_velocities = False
     turned, history = False, 0
     history_columns: Sequence[str] = ()

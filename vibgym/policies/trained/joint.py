@@ -15,7 +15,7 @@ import numpy as np
 from vibgym import Part, Surface, checks
 from vibgym.envs.motions import Velocity
 from vibgym.policies.trained.coding import Coding, Inputs, refuse_memory
-from vibgym.policies.trained.networks import BASE
+from vibgym.policies.trained.networks import BASE, Symmetry
 from vibgym.policies.trained.symmetry import SIDES, VECTORS
 
 REACH = 0.1
@@ -39,6 +39,12 @@ class Equivalent(NamedTuple):
     sign: np.ndarray  # (columns,) float32
     to: np.ndarray  # (values,) int64
     times: np.ndarray  # (values,) float32
+
+    def back(self) -> np.ndarray:
+        """Return the matrix (values, values) from outputs of the transformed scene to those of the first."""
+        matrix = np.zeros((len(self.to), len(self.to)), dtype=np.float32)
+        matrix[np.arange(len(self.to)), self.to] = self.times
+        return matrix
 
     def after(self, first: Equivalent) -> Equivalent:
         """Return the transformation that does ``first``, then this."""
@@ -115,6 +121,10 @@ class JointCoding(Coding):
         self.equivalents = exchanged
         if mirrored is not None:
             self.equivalents = exchanged + [mirrored.after(exchange) for exchange in exchanged]
+        order, sign, _, _ = map(np.stack, zip(*self.equivalents, strict=True))
+        self.symmetry = Symmetry(
+            order, sign, np.concatenate([each.back() for each in self.equivalents]) / np.float32(len(order))
+        )
 
     def _exchanges(self, block: int, values: int) -> list[Equivalent]:
         """Return the exchanges of equal parts other than the anchor, first that which changes nothing."""
@@ -156,7 +166,7 @@ class JointCoding(Coding):
                 sign[start : start + width] = *mirrors[axis], -1.0
             elif name == "plan_push":
                 sign[start + 1 : start + 3] = -1.0
-            elif name.startswith(("turn", "spin")) or name.endswith("spin"):
+            elif name.startswith(("turn", "spin")) or name.endswith(("spin", "turn")):
                 sign[start : start + width] = -1.0
         waves = np.ones((2, 2, len(WAVES)), dtype=np.float32)  # sines and cosines, x and y
         waves[0, axis] = -1.0

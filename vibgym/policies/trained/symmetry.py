@@ -18,6 +18,7 @@ from vibgym.policies.trained.networks import Shape
 VECTORS = (
     "position", "element", "way_far", "way_coarse", "way_fine", "way_finest", "velocity", "goal_velocity", "way_ahead",
     "apart", "apart_far", "way", "plan_velocity", "plan_way", "plan_way_fine", "plan_normal",
+    "plan_room", "plan_left",
 )  # fmt: skip
 """Columns of one or more vectors; names of neighbours' columns without their number."""
 

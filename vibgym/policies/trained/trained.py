@@ -61,16 +61,24 @@ class TrainedPolicy:
         network: among :data:`vibgym.policies.trained.networks.ACTING`.
         activation: of the hidden layers, ``"tanh"`` or ``"relu"``.
         coding: of the environment.
+        symmetric: whether the network is averaged over equivalent scenes, see :attr:`.coding.Coding.symmetry`.
     """
 
-    def __init__(self, tensors: Mapping[str, np.ndarray], network: str, activation: str, coding: Coding) -> None:
+    def __init__(
+        self, tensors: Mapping[str, np.ndarray], network: str, activation: str, coding: Coding, symmetric: bool = False
+    ) -> None:
         self.tensors, self.network, self.activation, self.coding = tensors, ACTING[network], activation, coding
+        self.symmetry = coding.symmetry if symmetric else None
         self.action, self.observation = coding.action, coding.observation
         self.generator = np.random.default_rng(0)  # of the exploration
 
     def outputs(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return mean and log std (worlds, parts, values) for rows (worlds, parts, columns)."""
-        return self.network(self.tensors, self.coding.shape, self.activation, rows)
+        symmetry = self.symmetry
+        if symmetry is None:
+            return self.network(self.tensors, self.coding.shape, self.activation, rows)
+        mean, log_std = self.network(self.tensors, self.coding.shape, self.activation, symmetry.rows(rows))
+        return symmetry.mean(mean), symmetry.spread(log_std)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -219,11 +227,14 @@ def network_of(
         memory: Any = {"history": record.get("history"), "history_columns": record.get("history_columns", ())}
         memory["turned"] = checks.flag("turned", record.get("turned"))
         coding = CODINGS[network](info.surface, info.parts, info.parts_layout, action, columns, **memory)
+    symmetric = checks.flag(f"{name}: symmetric", record.get("symmetric", False))
+    if symmetric and coding.symmetry is None:
+        raise checks.refuse(f"{name}: symmetric", True, f"False with network {network!r}")
     if network == "elements" and not coding.shape.has_elements:
         raise checks.refuse(f"{name}: network", network, "'parts', or an action of elements and the column 'element'")
     flow = record.get(FLOW)
     if flow is None:
-        policy: TrainedPolicy | FlowPolicy = TrainedPolicy(tensors, network, activation, coding)
+        policy: TrainedPolicy | FlowPolicy = TrainedPolicy(tensors, network, activation, coding, symmetric)
     else:
         with checks.within(name):
             policy = FlowPolicy(tensors, network, coding, flow)
