@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from tests.policies.helpers import info_of, measurement
-from vibgym.policies.classical.pushing import BARRED, NEARBY, Outline, PushingPolicy, choose_pairs, rotation
+from vibgym.policies.classical.pushing import (
+    BARRED,
+    CLOSEST,
+    FURTHEST,
+    NEARBY,
+    Outline,
+    PushingPolicy,
+    choose_pairs,
+    rotation,
+)
 from vibgym.registration import TEE
 from vibgym.scene.parts import Part, part_from
 
@@ -55,8 +64,7 @@ def test_plans_lead_to_the_chosen_places():
     measured.centre[:, policy.pushers] += 0.07 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     measured.heading[:, policy.pushed] = rng.uniform(-3.0, 3.0, worlds)
     measured.displacement[:, policy.pushed] = rng.normal(size=(worlds, 2)) * 0.05
-    _, plan = policy.velocities(measured)
-    assert plan.shape == (worlds, 2, sum(width for name, width in policy.PLAN if name != "plan_velocity"))
+    _, plan, left = policy.velocities(measured)
     place = measured.centre[:, policy.pushers] + NEARBY * np.arctanh(plan[..., :2])
     heading, centre = measured.heading[:, policy.pushed], measured.centre[:, policy.pushed]
     places = centre[:, None] + np.einsum("bij,nj->bni", rotation(heading), policy.outline.place)
@@ -67,6 +75,11 @@ def test_plans_lead_to_the_chosen_places():
     assert plan[..., 4:6] == pytest.approx(np.take_along_axis(normals, best[..., None], axis=1))
     assert np.arctanh(plan[..., 7]) == pytest.approx(policy.outline.effect[best, 2])
     assert np.abs(plan).max() <= 1.0 and (plan[..., 6] >= 0.0).all()
+    away_left = CLOSEST * (FURTHEST / CLOSEST) ** (0.5 * (left[:, 3:] + 1.0))  # m
+    gone, turned = left[:, :2] * away_left, left[:, 2] * away_left[:, 0] / policy.outline.gyration
+    assert gone == pytest.approx(measured.displacement[:, policy.pushed], abs=1e-9)
+    assert turned == pytest.approx(measured.heading_error[:, policy.pushed], abs=1e-9)
+    assert np.abs(left).max() <= 1.0
 
 
 def test_pushers_do_not_pass_each_other():

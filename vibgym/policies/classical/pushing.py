@@ -30,6 +30,8 @@ SECTOR, AHEAD = (
 )  # rad: direction from the part below which a pusher goes straight; next point on the way round
 ROOM = 0.004  # m between pushers
 NEARBY, NEAREST = 0.05, 0.01  # m, units of the ways to planned places, before tanh
+ROOMY = 0.12  # m, distance from borders that are not seen
+FURTHEST, CLOSEST = 1.0, 0.002  # m, distances whose logarithms are +1 and -1
 
 
 class Outline:
@@ -116,11 +118,18 @@ class PushingPolicy(Steering):
         still: float = Field(default=0.5, gt=0.0)
         """Share of the tolerances within which no pusher pushes."""
 
-    PLAN = (("plan_velocity", 2), ("plan_way", 2), ("plan_way_fine", 2), ("plan_normal", 2), ("plan_push", 4))
-    """Names and widths of what a correction sees of the plan (:class:`vibgym.policies.trained.residual.Base`): velocities of
-    all parts at the start of the step, over the top speed; of each pusher tanh of the way to its place in 50 and in 10 mm, the
-    part's inward normal there, tanh of the strength of its push and of the turn by it, turns by which it still goes round the
-    part, and 1 if it is there."""
+    PLAN = (
+        ("plan_velocity", 2), ("plan_room", 2),
+        ("plan_way", 2), ("plan_way_fine", 2), ("plan_normal", 2), ("plan_push", 4),
+        ("plan_left", 2), ("plan_turn", 1), ("plan_distance", 1),
+    )  # fmt: skip
+    """Names and widths of what a correction sees of the plan (:class:`vibgym.policies.trained.residual.Base`).
+
+    Of all parts velocities at the start of the step, over the top speed, and a vector away from borders that are nearer than
+    0.12 m. Of each pusher tanh of the way to its place in 50 and in 10 mm, the part's inward normal there, tanh of the strength
+    of its push and of the turn by it, turns by which it still goes round the part, and 1 if it is there. Of the pushed part the
+    unit vector of what is left, displacement and turn times the radius of gyration, and the logarithm of its length.
+    """
 
     settings: Settings
 
@@ -141,20 +150,25 @@ class PushingPolicy(Steering):
         self._fits = np.sqrt(((place[:, None] - place) ** 2).sum(axis=-1)) > 2.0 * self.reach + 0.5 * ROOM
 
     def initial(self, batch: int) -> SteeringMemory:
-        """See :meth:`.steering.Steering.initial`; its own memory is the plan, (batch, parts, 12), see :attr:`PLAN`."""
+        """See :meth:`.steering.Steering.initial`; its own memory is the plan, (batch, parts, columns), see :attr:`PLAN`."""
         width = sum(width for _, width in self.PLAN)
         return super().initial(batch)._replace(own=np.zeros((batch, len(self.info.parts), width), dtype=np.float32))
 
     def act(self, measured: Measured, memory: SteeringMemory, new: np.ndarray) -> tuple[np.ndarray, SteeringMemory]:
         """See :meth:`.steering.Steering.act`."""
         velocity = np.zeros_like(measured.centre)
-        velocity[:, self.pushers], memory.own[:, self.pushers, 2:] = self.velocities(measured)
-        memory.own[..., :2] = np.clip(measured.velocity / self.top, -1.0, 1.0)
+        velocity[:, self.pushers], plan, left = self.velocities(measured)
+        size = np.array([self.info.surface.width, self.info.surface.depth])
+        near = [np.clip(1.0 - distance / ROOMY, 0.0, 1.0) for distance in (measured.centre, size - measured.centre)]
+        own = memory.own
+        own[..., :2], own[..., 2:4] = np.clip(measured.velocity / self.top, -1.0, 1.0), near[0] - near[1]
+        own[:, self.pushers, 4:14], own[:, self.pushed, 14:] = plan, left
         acting = replace(measured, present=measured.present & self.driven)
         return self.steer(acting, self.lead * velocity, memory)
 
-    def velocities(self, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-        """Return the set velocities (batch, 2, 2) of the pushers, m/s, and their plans (batch, 2, 10), see :attr:`PLAN`."""
+    def velocities(self, measured: Measured) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the set velocities (batch, 2, 2) of the pushers, m/s, their plans (batch, 2, 10), and that of the pushed part
+        (batch, 4), see :attr:`PLAN`."""
         manner, outline, gyration = self.settings, self.outline, self.outline.gyration
         centre, heading = measured.centre[:, self.pushed], measured.heading[:, self.pushed]
         displacement, heading_error = measured.displacement[:, self.pushed], measured.heading_error[:, self.pushed]
@@ -165,7 +179,8 @@ class PushingPolicy(Steering):
         length = np.sqrt((left**2).sum(axis=-1))
         # Places of the pushers in the part's frame.
         at = np.einsum("bji,bkj->bki", to_world, measured.centre[:, self.pushers] - centre[:, None])
-        chosen, push, sweep = self.choose(left / np.maximum(length, 1e-9)[:, None], at, centre, to_world)
+        direction = left / np.maximum(length, 1e-9)[:, None]
+        chosen, push, sweep = self.choose(direction, at, centre, to_world)
         place = outline.place[chosen]  # (batch, 2, 2)
         done = (np.hypot(displacement[:, 0], displacement[:, 1]) < manner.still * self.info.position_tolerance) & (
             np.abs(heading_error) < manner.still * self.info.heading_tolerance
@@ -197,9 +212,11 @@ class PushingPolicy(Steering):
         fast = np.sqrt((own**2).sum(axis=-1, keepdims=True))
         own *= np.minimum(1.0, self.top / np.maximum(fast, 1e-9))
         way, normal = (np.einsum("bij,bkj->bki", to_world, vector) for vector in (off, inward))
-        rest = np.stack([np.tanh(push), np.tanh(effect[..., 2]), sweep / (2.0 * math.pi), ready], axis=-1)
-        plan = np.concatenate([np.tanh(way / NEARBY), np.tanh(way / NEAREST), normal, rest], axis=-1)
-        return np.einsum("bij,bkj->bki", to_world, own), plan
+        pushes = np.stack([np.tanh(push), np.tanh(effect[..., 2]), sweep / (2.0 * math.pi), ready], axis=-1)
+        plan = np.concatenate([np.tanh(way / NEARBY), np.tanh(way / NEAREST), normal, pushes], axis=-1)
+        far = np.log(np.clip(length, CLOSEST, FURTHEST) ** 2 / (CLOSEST * FURTHEST)) / math.log(FURTHEST / CLOSEST)
+        rest = np.column_stack([np.einsum("bij,bj->bi", to_world, direction[:, :2]), direction[:, 2], far])
+        return np.einsum("bij,bkj->bki", to_world, own), plan, rest
 
     def choose(
         self, direction: np.ndarray, at: np.ndarray, centre: np.ndarray, to_world: np.ndarray
