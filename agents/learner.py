@@ -228,6 +228,5 @@ def _form(policy: TrainedPolicy) -> dict[str, Any]:
         "ppo.history_columns": coding.history_columns,
         "ppo.network": policy.network,
         "ppo.activation": policy.activation,
-        "ppo.symmetric": policy.symmetry is not None,
         "layers": {name: tensor.shape for name, tensor in policy.tensors.items() if name != FLOOR},
     }

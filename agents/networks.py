@@ -34,9 +34,9 @@ from vibgym.policies.trained.networks import (
     STANDARD,
     ImageShape,
     Shape,
-    Symmetry,
     occupied,
 )
+from vibgym.policies.trained.symmetry import Symmetry
 from vibgym.policies.trained.trained import CODINGS
 
 
@@ -158,10 +158,14 @@ class PartsActor(nn.Module):
         log_std: at the start.
         floor: size of actions, 0 to 1, above which standard deviations are multiples of the action's size: parts at rest
             then explore little; None: standard deviations do not depend on the action.
+
+    Attributes:
+        symmetry: averages over equivalent scenes; None: no average.
     """
 
     kind: str = "parts"
     encoder: Callable[..., Any] = RowEncoder
+    symmetry: Symmetry | None = None
 
     def __init__(
         self, shape: Any, net: list[int], activation: str, attention: int, log_std: float, floor: float | None = None
@@ -176,6 +180,14 @@ class PartsActor(nn.Module):
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return mean and log std (..., action) for rows (..., columns)."""
+        symmetry = self.symmetry
+        if symmetry is None:
+            return self._of(rows)
+        mean, log_std = self._of(symmetry.rows(rows))
+        return symmetry.mean(mean), symmetry.spread(log_std)
+
+    def _of(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return mean and log std of one scene."""
         code = self.hidden(self.eyes(rows))
         mean, log_std = self.mean(code), self.log_std(code).clamp(*LOG_STD_RANGE)
         floor = getattr(self, FLOOR)
@@ -189,9 +201,13 @@ class PartsCritic(nn.Module):
     """Value of every part, from its own row and from all parts of its world (a centralised critic).
 
     The critic reads the mean of the parts' encodings, which does not depend on their order (Zaheer et al. 2017).
+
+    Attributes:
+        symmetry: see :class:`PartsActor`.
     """
 
     encoder: Callable[..., Any] = RowEncoder
+    symmetry: Symmetry | None = None
 
     def __init__(self, shape: Any, net: list[int], activation: str, attention: int) -> None:
         super().__init__()
@@ -203,6 +219,13 @@ class PartsCritic(nn.Module):
 
     def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
         """Return values (..., parts) of rows (..., parts, columns); ``mask`` (..., parts) is 1 where there is a part."""
+        if self.symmetry is None:
+            return self._of(rows, mask)
+        scenes = self.symmetry.rows(rows).movedim(-2, -3)
+        return self._of(scenes, mask.unsqueeze(-2).expand(scenes.shape[:-1])).mean(dim=-2)
+
+    def _of(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+        """Return the values of one scene."""
         code = self.eyes(rows)
         if self.together is not None:
             here = mask.unsqueeze(-1)
@@ -210,35 +233,6 @@ class PartsCritic(nn.Module):
             mean = encoded.sum(dim=-2, keepdim=True) / here.sum(dim=-2, keepdim=True).clamp(min=1.0)
             code = torch.cat([code, mean.expand(*code.shape[:-1], -1)], dim=-1)
         return self.value(self.hidden(code)).squeeze(-1)
-
-
-class JointActor(PartsActor):
-    """The same for one row of all parts.
-
-    Attributes:
-        symmetry: averages over equivalent scenes; None: no average.
-    """
-
-    symmetry: Symmetry | None = None
-
-    def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """See :meth:`PartsActor.forward`."""
-        if self.symmetry is None:
-            return super().forward(rows)
-        mean, log_std = super().forward(self.symmetry.rows(rows))
-        return self.symmetry.mean(mean), self.symmetry.spread(log_std)
-
-
-class JointCritic(PartsCritic):
-    """The same for one row of all parts; see :class:`JointActor`."""
-
-    symmetry: Symmetry | None = None
-
-    def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        """See :meth:`PartsCritic.forward`."""
-        if self.symmetry is None:
-            return super().forward(rows, mask)
-        return super().forward(self.symmetry.rows(rows), mask).mean(dim=-1)
 
 
 MIN_DEVIATION = 0.02
@@ -345,7 +339,7 @@ class PixelsCritic(PartsCritic):
 
 NETWORKS: dict[str, tuple[Any, Any]] = {
     "parts": (PartsActor, PartsCritic),
-    "joint": (JointActor, JointCritic),
+    "joint": (PartsActor, PartsCritic),
     "elements": (ElementsActor, PartsCritic),
     "pixels": (PixelsActor, PixelsCritic),
 }
@@ -407,7 +401,8 @@ class ActorCritic(nn.Module):
         self.actor = make_actor(coding.shape, list(settings.net), *rest, log_std, **floor)
         self.critic = make_critic(coding.shape, list(settings.critic_net), *rest)
         if symmetric:
-            assert coding.symmetry is not None
+            if coding.symmetry is None:
+                raise checks.conflict("symmetric requires network 'joint', or 'turned' with an action of motions")
             symmetry = Symmetry(*map(torch.from_numpy, coding.symmetry))
             self.actor.symmetry = self.critic.symmetry = symmetry
         if standardized:

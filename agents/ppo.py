@@ -110,7 +110,8 @@ class PPO(PartsLearner):
         """Standardize rows by means and standard deviations of the first rollout; network ``joint`` alone."""
 
         symmetric: bool = False
-        """Average actor and critic over equivalent scenes, so that they are equal in all of them; network ``joint`` alone."""
+        """Average actor and critic over equivalent scenes, in which they then do the same; see
+        :attr:`vibgym.policies.trained.coding.Coding.symmetry`."""
 
         averaging: float = Field(default=0.0, ge=0, lt=1)
         """Weight of earlier updates in the moving average of the actor that is evaluated and stored instead of the last one
@@ -124,9 +125,8 @@ class PPO(PartsLearner):
             for name in ("touch_cost", "shared"):
                 if self.network == "joint" and getattr(self, name):
                     raise checks.conflict(f"{name} requires rows of parts, and network 'joint' has one row for all")
-            for name in ("standardized", "symmetric"):
-                if getattr(self, name) and self.network != "joint":
-                    raise checks.conflict(f"{name} requires network 'joint', got {self.network!r}")
+            if self.standardized and self.network != "joint":
+                raise checks.conflict(f"standardized requires network 'joint', got {self.network!r}")
             if self.noise_floor is not None and self.network != "parts":
                 raise checks.conflict(f"noise_floor requires network 'parts', got {self.network!r}")
             return self

@@ -157,11 +157,11 @@ def test_rows_are_standardized_by_a_rollout(tmp_path, symmetric):
     np.testing.assert_allclose(acting[0][:, 0], mean.numpy(), atol=1e-5)
     np.testing.assert_allclose(acting[1][:, 0], log_std.numpy(), atol=1e-5)
     with torch.no_grad():
-        value = learner.policy.critic(torch.from_numpy(rows[:, None]), None)
+        value = learner.policy.critic(torch.from_numpy(rows[:, None]), torch.ones(len(rows), 1))
     for order, sign, to, times in learner.policy.coding.equivalents if symmetric else ():
         other = torch.from_numpy(rows[:, order] * sign)
         with torch.no_grad():
-            same, equal = actor(other)[0], learner.policy.critic(other[:, None], None)
+            same, equal = actor(other)[0], learner.policy.critic(other[:, None], torch.ones(len(rows), 1))
         np.testing.assert_allclose(same.numpy(), mean.numpy()[:, to] * times, atol=1e-5)
         np.testing.assert_allclose(equal.numpy(), value.numpy(), atol=1e-4)
     path = tmp_path / "policy.json"

@@ -204,7 +204,9 @@ def test_the_learner_observes_the_plan_of_the_base():
     starts = {row.name: row.start for row in trained.parts_layout}
     width = sum(width for _, width in base.PLAN)
     plan = seen["parts"][..., starts["plan_velocity"] : starts["plan_velocity"] + width]
-    assert (plan == memory.own).all() and plan[:, :2, 2:].any(axis=-1).all() and not plan[:, 2].any()  # the part rests
+    assert (
+        (plan == memory.own).all() and plan[:, :2, 4:].any(axis=-1).all() and not plan[:, 2, :2].any()
+    )  # the part rests
     assert starts["plan_velocity"] == starts["base"] + 3 and trained.observation_space.contains(seen)
 
 

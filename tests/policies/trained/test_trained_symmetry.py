@@ -1,6 +1,6 @@
-"""Quarter turns: turned rows and actions against the environment's in a turned scene.
+"""Quarter turns and reflections: transformed rows and actions against the environment's in a transformed scene.
 
-World k of a batch is a scene after k quarter turns to the left.
+World k of a batch is a scene after k quarter turns to the left; or worlds are a scene, its reflection, and both again.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from tests.envs.helpers import batch
 from tests.policies.helpers import ALUMINIUM, DISC, STEEL
 from tests.policies.trained.helpers import actor_tensors, coding_for, observations
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.symmetry import Turns, turned_actions, turned_rows
+from vibgym.policies.trained.symmetry import ACTION, Turns, diagonal, reflected, turned_actions, turned_rows
 from vibgym.policies.trained.trained import TrainedPolicy
 
 SIDE = 12  # elements
@@ -27,6 +27,12 @@ def turned(pose, side):
         x, y, heading = np.moveaxis(poses[-1], -1, 0)
         poses.append(np.stack([side - y, x, heading + 0.5 * np.pi], axis=-1))
     return np.array(poses)
+
+
+def mirrored(pose):
+    """Poses (..., 3) and their reflection, which exchanges x and y, twice, (4, ..., 3)."""
+    x, y, heading = np.moveaxis(np.asarray(pose, dtype=float), -1, 0)
+    return np.array(2 * [pose, np.stack([y, x, 0.5 * np.pi - heading], axis=-1)])
 
 
 def scenes(task, action="field", **settings):
@@ -86,6 +92,49 @@ def test_rows_of_parts_with_zones():
         assert env.surface.width == env.surface.depth == pytest.approx(side)
         rows.append(env.reset(seed=0, options={"pose": poses[k]})[0]["parts"][0])
     assert_turned(env, np.array(rows), 2e-5)
+
+
+SQUARED = {"shape": "rectangle", "length": 0.04, "width": 0.04, "friction": 0.5}
+TRIANGLE = {"shape": "polygon", "vertices": [[0.03, 0.0], [-0.015, 0.0259807621], [-0.015, -0.0259807621]], "friction": 0.5}
+WEDGE = {"shape": "polygon", "vertices": [[0.04, 0.0], [-0.02, 0.02], [-0.02, -0.02]], "friction": 0.5}
+
+
+@pytest.mark.parametrize(
+    "part, symmetry",
+    [
+        ("aluminium_block", 2),
+        (SQUARED, 4),
+        (TRIANGLE, 3),
+        (WEDGE, 1),
+        ({"shape": "disc", "radius": 0.02, "friction": 0.6}, 0),
+    ],
+)
+def test_rows_of_a_reflected_part(part, symmetry):
+    env = scenes("Align", "velocity", parts=[part])
+    start = {"pose": mirrored([POSE]), "goal": mirrored([GOAL])}
+    columns = [[row.name, row.width] for row in env.parts_layout]
+    order, sign = reflected(columns, diagonal(symmetry))
+    rows = env.reset(seed=0, options=start)[0]["parts"]
+    assert env.parts[0].symmetry == symmetry
+    assert rows[1] == pytest.approx(rows[0][:, order] * sign, abs=2e-5)
+    assert (order[order] == np.arange(len(order))).all() and (sign * sign[order] == 1.0).all()
+    move = np.array([0.5, 0.2, 0.3], dtype=np.float32)
+    to, times = reflected([[ACTION, 3]], diagonal(symmetry))
+    for _ in range(8):
+        rows = env.step(np.array(2 * [move, move[to] * times]))[0]["parts"]
+    velocity, spin = (next(row.start for row in env.parts_layout if row.name == name) for name in ("velocity", "spin"))
+    moves, turns = rows[:2, 0, velocity : velocity + 2], rows[:2, 0, spin]
+    # The table's own motion is not reflected.
+    assert np.hypot(*(moves[1] - moves[0][::-1])) < 0.08 * np.hypot(*moves[0]) and np.hypot(*moves[0]) > 0.1
+    assert turns[1] == pytest.approx(-turns[0], abs=0.04) and abs(turns[0]) > 0.02
+
+
+def test_rows_of_reflected_neighbours():
+    env = scenes("Singulate", parts=["steel_block"] * 4)
+    poses = [[0.08, 0.10, 0.3], [0.15, 0.11, 1.0], [0.10, 0.21, 0.1], [0.22, 0.24, 0.7]]
+    rows = env.reset(seed=0, options={"pose": mirrored(poses)})[0]["parts"]
+    order, sign = reflected([[row.name, row.width] for row in env.parts_layout], diagonal(2))
+    assert rows[1] == pytest.approx(rows[0][:, order] * sign, abs=2e-5)
 
 
 def test_parts_of_different_symmetry_are_refused():
@@ -162,3 +211,28 @@ def test_policies_by_construction_do_the_same_in_a_turned_scene(action):
     assert np.abs(plain.predict(seen)[0].reshape(50, 1, -1) - before).max() > 0.1
     learned = coding.to_rows(coding.encode(seen), before)  # and back: the network's output for its turned rows
     assert (coding.decode(coding.encode(seen), learned).reshape(50, 1, -1) == before).all()
+
+
+@pytest.mark.parametrize("action", ["wrench", "velocity", "target"])
+@pytest.mark.parametrize("memory", [{}, {"history": 2, "history_columns": ["velocity", "spin"]}])
+def test_averaged_policies_do_the_same_in_a_reflected_scene(action, memory):
+    env = scenes("Singulate", action, parts=["steel_block", "steel_block"])
+    coding = coding_of(env, turned=True, **memory)
+    policy = TrainedPolicy(actor_tensors(coding.shape), "parts", "tanh", coding, symmetric=True)
+    columns = [[row.name, row.width] for row in env.parts_layout]
+    order, sign = reflected(columns, diagonal(2))
+    state, plain = None, TrainedPolicy(policy.tensors, "parts", "tanh", coding)
+    rng = np.random.default_rng(4)
+    for _ in range(4):
+        rows = rng.uniform(-1.0, 1.0, (1, 2, len(order))).astype(np.float32)
+        seen = {"parts": np.concatenate([rows, rows[..., order] * sign]), "mask": np.ones((2, 2))}
+        actions, after = policy.predict(seen, state)
+        one, other = actions.reshape(2, 2, 3)
+        assert other == pytest.approx(one[:, [1, 0, 2]] * [1.0, 1.0, -1.0], abs=1e-5)
+        assert np.abs(plain.predict(seen, state)[0] - actions).max() > 0.01
+        state = after
+
+
+def test_other_networks_have_no_symmetry():
+    for action, settings in (("wrench", {}), ("field", {"turned": True}), ("phasor", {"turned": True})):
+        assert coding_of(scenes("Align", action), **settings).symmetry is None

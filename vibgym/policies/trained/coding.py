@@ -10,10 +10,11 @@ import numpy as np
 from vibgym import Part, Surface, checks
 from vibgym.envs.actions import ACTIONS, actions_by_part
 from vibgym.envs.local_actions import patch_size
+from vibgym.envs.motions import MOTIONS
 from vibgym.envs.observations import PIXELS
 from vibgym.policies.foreign import element_code
-from vibgym.policies.trained.networks import ImageShape, Shape, Symmetry
-from vibgym.policies.trained.symmetry import Turns
+from vibgym.policies.trained.networks import ImageShape, Shape
+from vibgym.policies.trained.symmetry import ACTION, Symmetry, Turns, both_ways
 
 TOUCHING = 0.02
 """Largest value of the column of the nearest part's gap at which two parts touch: 0.7 mm on the prototype."""
@@ -68,7 +69,8 @@ class Coding:
         columns: names and widths of the columns that the network reads.
         slots: rows of a world.
         equivalents: transformations of rows and outputs, see :class:`.joint.JointCoding`; empty in this class.
-        symmetry: for networks that are equal in all of these; None without equivalents.
+        symmetry: of networks that do the same in equivalent scenes, which in this class are a scene and its reflection; None
+            unless rows are turned and actions are motions.
         adds_velocities: whether a correction of a base policy (:mod:`.residual`) is added to the velocities of its action, and
             not to the values.
 
@@ -127,6 +129,11 @@ class Coding:
         if turned:
             seen = [[row.name, row.width] for row in recalled]
             self._turns = Turns(self.columns, self.parts, action, self.shape, seen)
+            if action in MOTIONS:
+                steps = self.history * [[ACTION, size], *seen]
+                others = [name.startswith("neighbour_") for name, _ in self.columns].count(False)
+                columns = [*self.columns[:others], *steps, *self.columns[others:]]
+                self.symmetry = both_ways(columns, self.parts[0].symmetry)
         self._memory = self.history * (size + len(self._recall))
         self.shape = self.shape._replace(columns=self.shape.columns + self._memory)
 

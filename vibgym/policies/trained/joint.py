@@ -8,15 +8,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from vibgym import Part, Surface, checks
 from vibgym.envs.motions import Velocity
 from vibgym.policies.trained.coding import Coding, Inputs, refuse_memory
-from vibgym.policies.trained.networks import BASE, Symmetry
-from vibgym.policies.trained.symmetry import SIDES, VECTORS
+from vibgym.policies.trained.networks import BASE
+from vibgym.policies.trained.symmetry import VECTORS, Equivalent, Reflection, Symmetry, reflected
 
 REACH = 0.1
 """Unit of displacements from the first part, m."""
@@ -30,30 +30,6 @@ SAME = 1e-6
 
 MAX_EXCHANGED = 6
 """Most parts in a scene in which equal ones are exchanged."""
-
-
-class Equivalent(NamedTuple):
-    """Transformation to an equivalent scene: ``rows[..., order] * sign`` has the outputs ``outputs[..., to] * times``."""
-
-    order: np.ndarray  # (columns,) int64
-    sign: np.ndarray  # (columns,) float32
-    to: np.ndarray  # (values,) int64
-    times: np.ndarray  # (values,) float32
-
-    def back(self) -> np.ndarray:
-        """Return the matrix (values, values) from outputs of the transformed scene to those of the first."""
-        matrix = np.zeros((len(self.to), len(self.to)), dtype=np.float32)
-        matrix[np.arange(len(self.to)), self.to] = self.times
-        return matrix
-
-    def after(self, first: Equivalent) -> Equivalent:
-        """Return the transformation that does ``first``, then this."""
-        return Equivalent(
-            first.order[self.order],
-            first.sign[self.order] * self.sign,
-            first.to[self.to],
-            first.times[self.to] * self.times,
-        )
 
 
 class JointCoding(Coding):
@@ -121,10 +97,7 @@ class JointCoding(Coding):
         self.equivalents = exchanged
         if mirrored is not None:
             self.equivalents = exchanged + [mirrored.after(exchange) for exchange in exchanged]
-        order, sign, _, _ = map(np.stack, zip(*self.equivalents, strict=True))
-        self.symmetry = Symmetry(
-            order, sign, np.concatenate([each.back() for each in self.equivalents]) / np.float32(len(order))
-        )
+        self.symmetry = Symmetry.of(self.equivalents)
 
     def _exchanges(self, block: int, values: int) -> list[Equivalent]:
         """Return the exchanges of equal parts other than the anchor, first that which changes nothing."""
@@ -153,21 +126,9 @@ class JointCoding(Coding):
         if not self._rotates or away.min() > SAME:
             return None
         axis = int(np.argmin(away))  # of the coordinate that changes its sign
-        order, sign = np.arange(self._own_columns), np.ones(self._own_columns, dtype=np.float32)
-        for name, width, start in own:
-            if name in VECTORS:
-                sign[start : start + width] = np.tile(mirrors[axis], width // 2)
-            elif name in SIDES:  # left and right, bottom and top
-                side = start + 2 * axis
-                order[side : side + 2] = side + 1, side
-            elif name == "heading":
-                sign[start + 1] = -1.0
-            elif name == BASE:
-                sign[start : start + width] = *mirrors[axis], -1.0
-            elif name == "plan_push":
-                sign[start + 1 : start + 3] = -1.0
-            elif name.startswith(("turn", "spin")) or name.endswith(("spin", "turn")):
-                sign[start : start + width] = -1.0
+        sides = [1, 0, 2, 3] if axis == 0 else [0, 1, 3, 2]
+        reflection = Reflection(([0, 1], mirrors[axis].tolist()), ([0, 1], [1.0, -1.0]), sides)
+        order, sign = reflected([(name, width) for name, width, _ in own], reflection)
         waves = np.ones((2, 2, len(WAVES)), dtype=np.float32)  # sines and cosines, x and y
         waves[0, axis] = -1.0
         others, block = len(self._others), self._own_columns + waves.size

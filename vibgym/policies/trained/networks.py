@@ -39,30 +39,6 @@ ABSENT = np.float32(-1e9)  # logit of an absent neighbour
 Tensors = Mapping[str, np.ndarray]
 
 
-class Symmetry(NamedTuple):
-    """Equivalent scenes, in which a network is evaluated, and the mean of its outputs, all for the first scene.
-
-    Any network is so exactly equal in all of them (group averaging: Puny et al., "Frame averaging for invariant and equivariant
-    network design", ICLR 2022). The arrays are of NumPy or torch.
-    """
-
-    order: Any  # (scenes, columns) int64, columns of the first scene that those of the others are, times ``sign``
-    sign: Any  # (scenes, columns)
-    back: Any  # (scenes * values, values) from the outputs of all scenes to their mean
-
-    def rows(self, rows: Any) -> Any:
-        """Return the rows (..., scenes, columns) of all scenes for rows (..., columns) of the first."""
-        return rows[..., self.order] * self.sign
-
-    def mean(self, outputs: Any) -> Any:
-        """Return the mean (..., values) of outputs (..., scenes, values)."""
-        return outputs.reshape(*outputs.shape[:-2], -1) @ self.back
-
-    def spread(self, log_std: Any) -> Any:
-        """Return the mean (..., values) of logarithmic standard deviations (..., scenes, values), which have no direction."""
-        return log_std.reshape(*log_std.shape[:-2], -1) @ abs(self.back)
-
-
 class Shape(NamedTuple):
     """Columns of a row of ``observation="parts"``, and values of a part's action.
 

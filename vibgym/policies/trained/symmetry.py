@@ -2,18 +2,19 @@
 
 The grid of elements is unchanged by a quarter turn, and the circular motion of the table by a quarter turn a quarter period
 later. An element's phasor turns backwards. Two more symmetries are in the rows: headings are coded modulo the part's symmetry,
-and networks that do not read the column ``position`` are invariant to shifts by whole elements.
+and networks that do not read the column ``position`` are invariant to shifts by whole elements. Motions are nearly symmetric
+under reflections as well, and networks may be averaged over them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vibgym import Part, checks
-from vibgym.policies.trained.networks import Shape
+from vibgym.policies.trained.networks import BASE, Shape
 
 VECTORS = (
     "position", "element", "way_far", "way_coarse", "way_fine", "way_finest", "velocity", "goal_velocity", "way_ahead",
@@ -27,11 +28,122 @@ SIDES = ("borders", "zone")
 
 HEADING = "heading"
 
+ACTION = "action"
+"""Name of earlier actions in rows, see ``history`` of :class:`.coding.Coding`."""
+
 TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 """Rotation of a vector by a quarter turn to the left."""
 
 TURN_SIDES = np.array([[0, 0, 0, 1], [0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0]], dtype=np.float64)
 """Permutation of the sides: above to left, below to right, left to below, right to above."""
+
+
+class Equivalent(NamedTuple):
+    """Transformation to an equivalent scene: ``rows[..., order] * sign`` has the outputs ``outputs[..., to] * times``."""
+
+    order: np.ndarray  # (columns,) int64
+    sign: np.ndarray  # (columns,) float32
+    to: np.ndarray  # (values,) int64
+    times: np.ndarray  # (values,) float32
+
+    def back(self) -> np.ndarray:
+        """Return the matrix (values, values) from outputs of the transformed scene to those of the first."""
+        matrix = np.zeros((len(self.to), len(self.to)), dtype=np.float32)
+        matrix[np.arange(len(self.to)), self.to] = self.times
+        return matrix
+
+    def after(self, first: Equivalent) -> Equivalent:
+        """Return the transformation that does ``first``, then this."""
+        return Equivalent(
+            first.order[self.order],
+            first.sign[self.order] * self.sign,
+            first.to[self.to],
+            first.times[self.to] * self.times,
+        )
+
+
+class Symmetry(NamedTuple):
+    """Equivalent scenes, in which a network is evaluated, and the mean of its outputs, all for the first scene.
+
+    Any network is so exactly equal in all of them (group averaging: Puny et al., "Frame averaging for invariant and equivariant
+    network design", ICLR 2022). The arrays are of NumPy or torch.
+    """
+
+    order: Any  # (scenes, columns) int64, columns of the first scene that those of the others are, times ``sign``
+    sign: Any  # (scenes, columns)
+    back: Any  # (scenes * values, values) from the outputs of all scenes to their mean
+
+    @classmethod
+    def of(cls, equivalents: Sequence[Equivalent]) -> Symmetry:
+        """Return that of some transformations, of which the first changes nothing."""
+        order, sign, _, _ = map(np.stack, zip(*equivalents, strict=True))
+        back = np.concatenate([each.back() for each in equivalents]) / np.float32(len(equivalents))
+        return cls(order, sign, back)
+
+    def rows(self, rows: Any) -> Any:
+        """Return the rows (..., scenes, columns) of all scenes for rows (..., columns) of the first."""
+        return rows[..., self.order] * self.sign
+
+    def mean(self, outputs: Any) -> Any:
+        """Return the mean (..., values) of outputs (..., scenes, values)."""
+        return outputs.reshape(*outputs.shape[:-2], -1) @ self.back
+
+    def spread(self, log_std: Any) -> Any:
+        """Return the mean (..., values) of logarithmic standard deviations (..., scenes, values), which have no direction."""
+        return log_std.reshape(*log_std.shape[:-2], -1) @ abs(self.back)
+
+
+class Reflection(NamedTuple):
+    """What becomes of columns where the scene is reflected: ``numbers[order] * sign``."""
+
+    vector: tuple[list[int], list[float]]  # order and sign of x and y
+    heading: tuple[list[int], list[float]]  # of cosine and sine
+    sides: list[int]  # order
+
+
+def diagonal(symmetry: int) -> Reflection:
+    """Return the reflection that exchanges x and y, for headings modulo a part's symmetry.
+
+    Cosine and sine of ``symmetry * heading`` become those of ``symmetry * (pi / 2 - heading)``.
+    """
+    cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[symmetry % 4]
+    heading = ([0, 1], [cosine, -cosine]) if cosine else ([1, 0], [sine, sine])
+    return Reflection(([1, 0], [1.0, 1.0]), heading, [2, 3, 0, 1])
+
+
+def reflected(columns: Sequence[Sequence[Any]], reflection: Reflection) -> tuple[np.ndarray, np.ndarray]:
+    """Return order (columns,) and sign (columns,) of columns, given by names and widths, in the reflected scene.
+
+    A column :data:`.networks.BASE` or :data:`ACTION` is an action of motions.
+    """
+    every = sum(width for _, width in columns)
+    order, sign, start = np.arange(every), np.ones(every, dtype=np.float32), 0
+    for name, width in columns:
+        kind = name.split("_", 2)[2] if name.startswith("neighbour_") else name
+        pairs, along = (1, reflection.vector) if kind in (BASE, ACTION) else (width // 2, reflection.vector)
+        if kind == HEADING:
+            along = reflection.heading
+        if kind in (*VECTORS, BASE, ACTION, HEADING):
+            for first in range(start, start + 2 * pairs, 2):
+                order[first : first + 2], sign[first : first + 2] = first + np.array(along[0]), along[1]
+        if kind in (BASE, ACTION):
+            sign[start + 2] = -1.0
+        elif kind in SIDES:
+            order[start : start + 4] = start + np.array(reflection.sides)
+        elif kind == "plan_push":  # strength, turn, way round, arrival
+            sign[start + 1 : start + 3] = -1.0
+        elif kind.startswith(("turn", "spin")) or kind.endswith(("spin", "turn")):
+            sign[start : start + width] = -1.0
+        start += width
+    return order, sign
+
+
+def both_ways(columns: Sequence[Sequence[Any]], symmetry: int) -> Symmetry:
+    """Return the symmetry of rows of motions, which are turned by quarter turns, under :func:`diagonal`."""
+    order, sign = reflected(columns, diagonal(symmetry))
+    to, times = reflected([[ACTION, 3]], diagonal(symmetry))
+    same = Equivalent(np.arange(len(order)), np.ones_like(sign), np.arange(3), np.ones_like(times))
+    return Symmetry.of([same, Equivalent(order, sign, to, times)])
 
 
 def turned_rows(columns: Sequence[Sequence[Any]], parts: Sequence[Part]) -> np.ndarray:
