@@ -79,6 +79,34 @@ def test_rows_of_neighbours():
     assert (rows[..., there].sum(axis=-1) == 3).all()
 
 
+def test_rows_of_contacts():
+    sensor = {"kind": "ideal", "report": ["contacts"]}
+    env = scenes("Singulate", "velocity", parts=["steel_block"] * 2, sensor=sensor)
+    side, names = env.surface.width, ("contact_normal", "contact_impulse")
+    poses = [[0.12, 0.15, 0.3], [0.172, 0.166, 0.3]]
+    at = [k for row in env.parts_layout if row.name in names for k in range(row.start, row.start + row.width)]
+    acts = turned_actions("velocity", coding_of(env).shape)
+    one = np.array([[0.7, 0.2, 0.0], [-0.5, -0.3, 0.0]])
+    for start, transformed in (
+        (turned(poses, side), lambda act, k: act @ np.linalg.matrix_power(acts, k).T),
+        (mirrored(poses), lambda act, k: act[:, [1, 0, 2]] * [1.0, 1.0, -1.0] if k % 2 else act),
+    ):
+        env.reset(seed=0, options={"pose": start})
+        for _ in range(3):
+            every = np.array([transformed(one, k).reshape(-1) for k in range(4)], dtype=np.float32)
+            rows = env.step(every)[0]["parts"]
+        columns = [[row.name, row.width] for row in env.parts_layout]
+        order, sign = reflected(columns, diagonal(2))
+        expected = (
+            rows[0][:, order] * sign
+            if transformed(one, 1)[0, 0] == one[0, 1]
+            else rows[0] @ turned_rows(columns, env.parts).T
+        )
+        assert (
+            rows[1][:, at] == pytest.approx(expected[:, at], abs=0.1) and np.abs(rows[0][:, at]).min(axis=0).max() > 0.3
+        )
+
+
 def test_rows_of_parts_with_zones():
     """Zones are a scene's, not a world's: one environment for each turn."""
     rows, side = [], SIDE * 0.026
@@ -95,7 +123,11 @@ def test_rows_of_parts_with_zones():
 
 
 SQUARED = {"shape": "rectangle", "length": 0.04, "width": 0.04, "friction": 0.5}
-TRIANGLE = {"shape": "polygon", "vertices": [[0.03, 0.0], [-0.015, 0.0259807621], [-0.015, -0.0259807621]], "friction": 0.5}
+TRIANGLE = {
+    "shape": "polygon",
+    "vertices": [[0.03, 0.0], [-0.015, 0.0259807621], [-0.015, -0.0259807621]],
+    "friction": 0.5,
+}
 WEDGE = {"shape": "polygon", "vertices": [[0.04, 0.0], [-0.02, 0.02], [-0.02, -0.02]], "friction": 0.5}
 
 

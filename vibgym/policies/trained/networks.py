@@ -31,7 +31,7 @@ SCALES = (0.25, 0.05, 0.01)
 MIN_MASS = 1e-6
 """Added to masses, so that the centroid of an empty image is defined; a full square has a mass of about 1."""
 
-STANDARD = 5.0
+MAX_STANDARDIZED = 5.0
 """Largest magnitude of standardized inputs."""
 
 ABSENT = np.float32(-1e9)  # logit of an absent neighbour
@@ -167,7 +167,9 @@ def encode(tensors: Tensors, shape: Shape, rows: np.ndarray) -> np.ndarray:
     if not shape.neighbours:
         if "eyes.scale" not in tensors:
             return rows
-        return np.clip((rows - tensors["eyes.mean"]) * tensors["eyes.scale"], -STANDARD, STANDARD, dtype=np.float32)
+        return np.clip(
+            (rows - tensors["eyes.mean"]) * tensors["eyes.scale"], -MAX_STANDARDIZED, MAX_STANDARDIZED, dtype=np.float32
+        )
     own = rows[..., : shape.own]
     others = rows[..., shape.own :].reshape(*rows.shape[:-1], shape.neighbours, shape.width)
     return np.concatenate([own, attend(tensors, "eyes.attention", own, others)], axis=-1)

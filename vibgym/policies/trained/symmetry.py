@@ -19,7 +19,7 @@ from vibgym.policies.trained.networks import BASE, Shape
 VECTORS = (
     "position", "element", "way_far", "way_coarse", "way_fine", "way_finest", "velocity", "goal_velocity", "way_ahead",
     "apart", "apart_far", "way", "plan_velocity", "plan_way", "plan_way_fine", "plan_normal",
-    "plan_room", "plan_left",
+    "plan_room", "plan_left", "contact_normal", "contact_impulse",
 )  # fmt: skip
 """Columns of one or more vectors; names of neighbours' columns without their number."""
 
@@ -120,13 +120,12 @@ def reflected(columns: Sequence[Sequence[Any]], reflection: Reflection) -> tuple
     order, sign, start = np.arange(every), np.ones(every, dtype=np.float32), 0
     for name, width in columns:
         kind = name.split("_", 2)[2] if name.startswith("neighbour_") else name
-        pairs, along = (1, reflection.vector) if kind in (BASE, ACTION) else (width // 2, reflection.vector)
-        if kind == HEADING:
-            along = reflection.heading
-        if kind in (*VECTORS, BASE, ACTION, HEADING):
-            for first in range(start, start + 2 * pairs, 2):
-                order[first : first + 2], sign[first : first + 2] = first + np.array(along[0]), along[1]
-        if kind in (BASE, ACTION):
+        moves = kind in (BASE, ACTION)  # a vector and a turn
+        if kind in VECTORS or kind == HEADING or moves:
+            pair, signs = reflection.heading if kind == HEADING else reflection.vector
+            for first in range(start, start + width - moves, 2):
+                order[first : first + 2], sign[first : first + 2] = first + np.array(pair), signs
+        if moves:
             sign[start + 2] = -1.0
         elif kind in SIDES:
             order[start : start + 4] = start + np.array(reflection.sides)
