@@ -235,7 +235,7 @@ FIT = f"rows of {SHAPE.columns} numbers and actions of 6"
     ({"network": "mlp"}, "network"), ({"network": "elements"}, "network"),
     ({"network": "elements", "action": "patch", "columns": [column for column in COLUMNS if column[0] != "element"]},
      "network"),
-    ({"turned": None}, "turned"), ({"history": None}, "history"), ({"history": True}, "tensors.*rows of"),
+    ({"turned": None}, "turned"), ({"symmetric": 1}, "symmetric"), ({"symmetric": True}, "symmetric"), ({"history": None}, "history"), ({"history": True}, "tensors.*rows of"),
     ({"history_columns": ["velocity"]}, "history_columns requires history"),
     ({"columns": None}, "columns"), ({"columns": []}, "columns"), ({"columns": COLUMNS[:-1]}, "tensors.*rows of"),
     ({"columns": [*COLUMNS, ["smell", 2]]}, "columns.*smell"), ({"columns": COLUMNS[::-1]}, "columns.*in this order"),
