@@ -219,7 +219,7 @@ benchmark: $(DEV) $(PEERS)
 # Takes hours: three seeds of every agent, then their table and the best of each. AGENTS="Align/ideal" trains some of them.
 define train
 @for agent in $(2); do for seed in $(3); do $(PY) -m agents train $(1) --agent $$agent --seed $$seed || exit; done; done; \
-	$(PY) -m agents tabulate $(1) $(patsubst %,--agent %,$(filter-out %/taught %/first %/second %/third %/fourth %/tuned,$(2))) --seeds $(3) \
+	$(PY) -m agents tabulate $(1) $(patsubst %,--agent %,$(filter-out %/taught %/first %/second %/third %/fourth %/fifth %/tuned,$(2))) --seeds $(3) \
 	--output results --ship vibgym/policies/trained/shipped --page docs/agents.md
 endef
 train: $(LEARN)
