@@ -107,8 +107,8 @@ class PPO(PartsLearner):
         """Change of the multiplier in an update, times the excess."""
 
         standardized: bool = False
-        """Standardize rows by means and standard deviations of a rollout, the first after half of ``critic_steps``, since the first
-        steps of episodes are not like later ones; network ``joint`` alone."""
+        """Standardize rows by means and standard deviations of the first rollout after half of ``critic_steps``, since
+        episodes begin with unusual rows; network ``joint`` alone."""
 
         symmetric: bool = False
         """Average actor and critic over equivalent scenes, in which they then do the same; see
