@@ -166,10 +166,10 @@ class PPO(PartsLearner):
         torch.manual_seed(settings.seed)
         self.policy = ActorCritic(coding, own, own.log_std_init, own.noise_floor, own.standardized, own.symmetric)
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=own.learning_rate, eps=1e-5, fused=True)
-        average = get_ema_multi_avg_fn(own.averaging)
-        self.averaged = (
-            AveragedModel(self.policy.actor, multi_avg_fn=average, use_buffers=True) if own.averaging else None
-        )
+        self.averaged: AveragedModel | None = None  # of the actor
+        if own.averaging:
+            average = get_ema_multi_avg_fn(own.averaging)
+            self.averaged = AveragedModel(self.policy.actor, multi_avg_fn=average, use_buffers=True)
         self.multiplier = 0.0  # of costs
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
         # Steps of imitation count, but do not train the critic.
