@@ -140,10 +140,10 @@ class RowEncoder(nn.Module):
 
     def forward(self, rows: torch.Tensor) -> torch.Tensor:
         """Return (..., size) for rows (..., columns)."""
-        if self.attention is None and self.scale is None:
-            return rows
-        if self.attention is None:
+        if self.scale is not None:
             return ((rows - self.mean) * self.scale).clamp(-MAX_STANDARDIZED, MAX_STANDARDIZED)
+        if self.attention is None:
+            return rows
         own = rows[..., : self.shape.own]
         others = rows[..., self.shape.own :].unflatten(-1, (self.shape.neighbours, self.shape.width))
         return torch.cat([own, self.attention(own, others)], dim=-1)
