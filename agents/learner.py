@@ -147,7 +147,6 @@ class PartsLearner:
             "action": coding.action,
             "network": self.network.network,
             "activation": self.network.activation,
-            **({"symmetric": True} if self.policy.symmetric else {}),
             "training": training,
         }
         if settings.residual is not None:
@@ -155,8 +154,8 @@ class PartsLearner:
         save_set(path, KIND, tensors, record | self.custom_entries(), VERSION)
 
     def custom_entries(self) -> dict[str, Any]:
-        """Return the algorithm's own entries of policy files."""
-        return {}
+        """Return the algorithm's own entries of policy files; here those of an actor and critic."""
+        return {"symmetric": True} if self.policy.symmetric else {}
 
     # -- checkpoints -------------------------------------------------------------------------------------------------
 
