@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from agents.networks import ActorCritic
+from agents.actor_critic import ActorCritic
 from agents.training_settings import ImitationSettings, check_bytes, for_seed
 from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv

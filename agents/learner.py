@@ -10,7 +10,8 @@ import numpy as np
 import torch
 
 from agents import checkpoint
-from agents.networks import NETWORKS, ActorCritic, trained_tensors
+from agents.actor_critic import ActorCritic
+from agents.networks import NETWORKS, trained_tensors
 from agents.training_settings import NetworkSettings, ServesSettings, TrainSettings
 from vibgym import Surface, checks
 from vibgym.adapters.sb3 import VecEnv

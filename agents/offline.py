@@ -17,9 +17,10 @@ from pydantic import Field, model_validator
 from stable_baselines3.common.utils import polyak_update
 from torch import nn
 
+from agents.actor_critic import ActorCritic
 from agents.imitation import relative_error
 from agents.learner import PartsLearner, Report
-from agents.networks import ActorCritic, PartsCritic
+from agents.networks import PartsCritic
 from agents.training_envs import make_worlds
 from agents.training_settings import NetworkSettings, Rate, RateSettings, TrainSettings
 from vibgym import checks

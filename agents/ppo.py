@@ -18,10 +18,11 @@ import torch
 from pydantic import Field, model_validator
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
+from agents.actor_critic import ActorCritic, log_probability
 from agents.imitation import Imitation, check_memory, experts
 from agents.learner import PartsLearner, Report
 from agents.learning_curve import without_hold
-from agents.networks import ActorCritic, log_probability, trained_tensors
+from agents.networks import trained_tensors
 from agents.rollout import Rollout
 from agents.training_envs import Worlds
 from agents.training_settings import (

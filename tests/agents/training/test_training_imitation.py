@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from agents.actor_critic import ActorCritic
 from agents.imitation import Imitation, ImitationSettings
-from agents.networks import ActorCritic, trained_tensors
+from agents.networks import trained_tensors
 from agents.training_settings import NetworkSettings
 from tests.envs.helpers import batch
 from tests.policies.trained.helpers import coding_for
