@@ -216,7 +216,7 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         **{name: totals[name] for name in ("time_over_bound_median", "collisions_mean", "fallen")},
         "selection_rate": float(best_row.get("rate") or 0.0),
         "good_per_minute_mean": mean(played, RATE),
-        "faulty_share": faulty.sum() / (good + faulty).sum(),
+        "faulty_share": faulty.mean() / (good + faulty).mean(),
         **fast,
         "path": str(path),
         "shipped": False,
