@@ -32,7 +32,7 @@ OPEN ?= $(if $(filter file,$(origin AGENTS)),Swap/taught Swap/first Swap/second 
 	FeedHeaps/ideal Feed/first Feed/ideal \
 	Pack/taught Pack/first Pack/ideal Pack/prototype Push/joint)
 SEEDS ?= 0 1 2
-OPEN_SEEDS ?= 1
+OPEN_SEEDS ?= 1 2 3
 
 # Install the package, then its EXTRAS. Meanwhile the idle core compiles kernels; those not compiled by the end of the
 # installation are compiled on first use.
