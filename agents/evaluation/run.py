@@ -27,14 +27,14 @@ from vibgym.policies.measures import Measures
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Ends, rollout
 from vibgym.policies.task_info import Policy, TaskInfo
-from vibgym.policies.trained.catalogue import SHIPPED
+from vibgym.policies.trained.catalogue import shipped_agents
 from vibgym.rendering import Scenery
 
 KEPT = "episodes"
 """Folder of recorded episodes in the output directory."""
 
-LEARNED = "learned"
-"""Policy that is read from the shipped files."""
+LEARNED, BY_TASK = "learned", "by_task"
+"""Policies: read from the shipped files; one for each task."""
 
 PLOT, FILM, GIF = "png", "gif", "film.gif"
 """Pictures of a case, and the ends of their files: paths and errors, a film for a page, a large film."""
@@ -133,11 +133,17 @@ class Case:
         reads. None for a policy that is an object, whose code and files are not known."""
         if folder is None or not self.plain:
             return None
-        texts, files = policy_sources(self.content, self.info.name)
+        task, content = self.info.name, self.content
+        if isinstance(content, Mapping) and content.get("kind") == BY_TASK:
+            content = content.get(task)
+        texts, files = policy_sources(content, task)
         if LEARNED in texts:
-            files |= {str(path): digest(path.read_bytes()) for path in sorted(SHIPPED.iterdir()) if path.is_file()}
+            for agent in shipped_agents():
+                if task in agent.tasks:
+                    read = policy_sources(str(agent.path), task)[1]
+                    files |= {Path(path).name: its_digest for path, its_digest in read.items()}
         values = [
-            self.place, self.training_seed, self.task, self.environment, self.seeds, self.content, self.origin,
+            self.place, self.training_seed, self.task, self.environment, self.seeds, content, self.origin,
             self.recorder.__name__, self.pictures, files,
         ]  # fmt: skip
         return folder / f"{digest(json.dumps(values, sort_keys=True, default=repr))[:24]}.csv"

@@ -1,6 +1,8 @@
 """Cases are played once, however often and by however many processes; what is written holds nothing of the host."""
 
 import json
+import shutil
+import sys
 from pathlib import Path
 
 import pandas as pd
@@ -11,10 +13,11 @@ from agents.evaluation import ComparisonSettings, EvaluationSettings, SuiteSetti
 from agents.evaluation.published import written_settings
 from agents.evaluation.run import KEPT, Case
 from agents.evaluation.table import TIMING
-from agents.provenance import policy_files, portable
+from agents.provenance import policy_files, policy_sources, portable
 from tests.agents.evaluation.conftest import Pusher, evaluated
 from tests.commands import files_in, fill_the_disk, rows_of, said_in_one_line, saved
 from vibgym.policies.rollout import rollout
+from vibgym.policies.trained.catalogue import shipped_agents
 
 GOOD = {"tasks": ["Rotate"], "policies": ["zero", {"name": "=steered", "kind": "local_field"}], "episodes": 2}
 MIXED = {
@@ -75,6 +78,32 @@ def test_an_interrupted_evaluation_continues_and_processes_change_only_times(tmp
     two = evaluated({**MIXED, "processes": 2}, tmp_path / "two")
     assert {place.policy for place in plays} == {"pusher"}  # the others are played by workers
     assert_same(whole, two)
+
+
+def test_recorded_episodes_depend_on_the_agents_and_policies_of_their_task_alone(tmp_path, monkeypatch):
+    agents = [agent for agent in shipped_agents() if agent.path.stem in ("rotate", "align")]
+    for agent in agents:
+        for path in policy_sources(str(agent.path), "")[1]:
+            shutil.copy(path, tmp_path)
+    moved = [agent._replace(path=tmp_path / agent.path.name) for agent in agents]
+
+    def files(of_rotate, of_align="learned"):
+        settings = {
+            "tasks": ["Rotate", "Align"],
+            "policies": [{"kind": "by_task", "Rotate": of_rotate, "Align": of_align}],
+        }
+        return {case.task: case.file(tmp_path) for case in cases(EvaluationSettings.checked({**GOOD, **settings}))}
+
+    module = sys.modules[Case.__module__]
+    monkeypatch.setattr(module, "shipped_agents", lambda: agents)
+    here = files("learned")
+    monkeypatch.setattr(module, "shipped_agents", lambda: moved)
+    assert files("learned") == here  # wherever the package is installed
+    other = files("zero")
+    assert other["Align"] == here["Align"] and other["Rotate"] != here["Rotate"]
+    (tmp_path / "align.json").write_text((tmp_path / "align.json").read_text() + "\n")
+    changed = files("learned")
+    assert changed["Rotate"] == here["Rotate"] and changed["Align"] != here["Align"]
 
 
 def test_cases_become_one_table():
