@@ -25,6 +25,23 @@ def test_settings_of_patterns_are_refused_at_gates(info):
     assert make_policy({"kind": "lanes", "law": "local", "approach": 5.0}, info).law.approach == 5.0
     with pytest.raises(ValueError, match="'edge'.*gates"):
         make_policy({"kind": "lanes", "edge_mm": 20}, info)
+    with pytest.raises(ValueError, match="'spare'.*both ways"):
+        make_policy({"kind": "lanes", "spare_mm": 2}, TaskInfo.of(batch("Swap", 1)))
+
+
+def test_parts_keep_the_spare_distance_and_change_lanes_no_faster_than_they_slip(info):
+    there, absent = [True, False, True, False], [-0.8, -0.2]
+    follows, across = [], []
+    for spare, slip in ((1, 0.3), (4, 0.5)):
+        policy = make_policy({"kind": "lanes", "spare_mm": spare, "slip": slip}, info)
+        centre = [[0.7, 0.052], absent, [0.610, 0.052], absent]
+        follows.append(policy.velocity(at(info, centre, present=there, velocity=[0.05, 0.0]))[0, 2, 0])
+        across.append(
+            policy.velocity(at(info, [[0.6, 0.156], absent, absent, absent], present=[True] + 3 * [False]))[0, 0]
+        )
+        assert np.hypot(*across[-1]) == pytest.approx(policy.top)
+    assert follows[0] - follows[1] == pytest.approx(0.003 / 0.12)
+    assert -across[0][1] / policy.top == pytest.approx(0.3) and -across[1][1] / policy.top == pytest.approx(0.5)
 
 
 def test_single_parts_move_along_their_lanes_at_full_speed(info):

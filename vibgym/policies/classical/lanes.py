@@ -17,9 +17,10 @@ direction that separates their outlines is used up: the later of both counts.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.kernels.jit import jit
@@ -29,6 +30,7 @@ from vibgym.policies.classical.planner import TargetPlan
 from vibgym.policies.classical.steering import LawChoice, Steering, SteeringMemory
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.task_info import TaskInfo
+from vibgym.settings import Length
 from vibgym.simulation import threads as workers
 
 
@@ -40,13 +42,11 @@ def extents(half: np.ndarray, heading: np.ndarray) -> np.ndarray:
 
 # -- through gates -----------------------------------------------------------------------------------------------------
 
-PRESS, SPARE, BESIDE = 0.030, 0.004, 0.006
-"""m: by which parts press on those ahead near the inlet, so that it empties at full speed; added to the distance that the gate
-requires; distance to parts beside."""
+PRESS, BESIDE = 0.030, 0.006
+"""m: by which parts press on those ahead near the inlet, so that it empties at full speed; distance to parts beside."""
 SPREAD = 0.22, 0.75
 """Shares of the way from inlet to gate between which the distance to the parts ahead grows."""
 ALONG, ACROSS = 0.12, 0.20  # s, time constants: distances along the table; displacements to the middle of lanes
-SLIP = 0.3  # maximum velocity across the table over the top speed
 
 
 class FeedingPolicy(Steering):
@@ -60,6 +60,14 @@ class FeedingPolicy(Steering):
         """Settings of the policy and its law."""
 
         law: LawChoice = "pose"
+
+        spare: Length = Field(default=0.001, ge=0.0)
+        """Distance in addition to the one that the gate requires."""
+
+        slip: float = Field(default=0.3, gt=0.0, le=1.0)
+        """Maximum velocity across the table over the top speed."""
+
+    settings: Settings
 
     def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
         super().__init__(info, settings)
@@ -78,7 +86,7 @@ class FeedingPolicy(Steering):
 
     def velocity(self, measured: Measured) -> np.ndarray:
         """Return set velocities (batch, parts, 2), m/s."""
-        centre, top = measured.centre, self.top
+        centre, top, slip = measured.centre, self.top, self.settings.slip * self.top
         reach = extents(self.half, measured.heading)
         between = centre[:, None] - centre[:, :, None]  # of part i (first axis) to part j
         gap = np.abs(between) - reach[:, :, None] - reach[:, None]
@@ -88,12 +96,12 @@ class FeedingPolicy(Steering):
         ahead = there & ((between[..., 0] > 0.0) | first)
         progress = (centre[..., 0] - self.inlet) / (self.gate - self.inlet)
         spread = np.clip((progress - SPREAD[0]) / (SPREAD[1] - SPREAD[0]), 0.0, 1.0)
-        wanted = spread * (self.spacing + SPARE + PRESS) - PRESS
+        wanted = spread * (self.spacing + self.settings.spare + PRESS) - PRESS
         along, across = gap[..., 0], gap[..., 1]
         in_way = ahead & (across < BESIDE)
         follow = measured.velocity[:, None, :, 0] + (along - wanted[:, :, None]) / ALONG
         vx = np.minimum(top, np.where(in_way, follow, np.inf).min(axis=2))
-        vy = np.clip((self.lane - centre[..., 1]) / ACROSS, -SLIP * top, SLIP * top)
+        vy = np.clip((self.lane - centre[..., 1]) / ACROSS, -slip, slip)
         # No part approaches one beside it: the one behind gives way.
         beside = ahead & (along < -PRESS)
         room = np.maximum(across - BESIDE, 0.0) / ALONG
@@ -203,21 +211,23 @@ class CrossingPolicy(TwoPhasesPolicy):
 class LanesPolicy:
     """Lanes through gates where parts come and go (:class:`FeedingPolicy`), else :class:`CrossingPolicy`."""
 
-    Settings = TwoPhasesPolicy.Settings
+    class Settings(CrossingPolicy.Settings, FeedingPolicy.Settings):
+        """Settings of either."""
+
     supports = Steering.supports
 
-    def __new__(cls, info: TaskInfo, settings: TwoPhasesPolicy.Settings) -> FeedingPolicy | CrossingPolicy:
+    def __new__(cls, info: TaskInfo, settings: Settings) -> FeedingPolicy | CrossingPolicy:
         """Make the policy for the task.
 
         Raises:
-            ValueError: settings of patterns where parts leave through gates, or another task.
+            ValueError: settings of the other one, or another task.
         """
-        if not info.continuous_feed:
-            return CrossingPolicy(info, settings)
-        known = FeedingPolicy.Settings.model_fields
-        for name in settings.model_fields_set - known.keys():
-            raise checks.unknown("setting", name, known, of="policy 'lanes' where parts leave through gates")
-        return FeedingPolicy(info, FeedingPolicy.Settings(**{name: getattr(settings, name) for name in known}))
+        policy: Any = FeedingPolicy if info.continuous_feed else CrossingPolicy
+        known, given = policy.Settings.model_fields, settings.model_fields_set
+        for name in given - known.keys():
+            where = "through gates" if info.continuous_feed else "both ways"
+            raise checks.unknown("setting", name, known, of=f"policy 'lanes' {where}")
+        return policy(info, policy.Settings(**{name: getattr(settings, name) for name in given}))
 
 
 # -- velocities that avoid collisions ----------------------------------------------------------------------------------

@@ -231,7 +231,9 @@ ENCODERS: dict[str, Callable[[Tensors, Any, np.ndarray], np.ndarray]] = {
 }
 """Inputs of the hidden layers by the name of a network, from tensors, shape and rows."""
 
-ACTING: dict[str, Callable[[Tensors, Any, str, np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
+Acting = Callable[[Tensors, Any, str, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+ACTING: dict[str, Acting] = {
     "parts": parts,
     "joint": parts,
     "elements": elements,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,9 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import CODES, Coding, ImageCoding
 from vibgym.policies.trained.flow import FlowPolicy
 from vibgym.policies.trained.joint import JointCoding
-from vibgym.policies.trained.networks import ACTING, ACTIVATIONS
+from vibgym.policies.trained.networks import ACTING, ACTIVATIONS, Acting, Tensors
 from vibgym.policies.trained.storage import as_float32, load_set
+from vibgym.policies.trained.symmetry import Symmetry
 from vibgym.settings import BaseSettings
 
 KIND = "vibgym-policy"
@@ -53,6 +55,14 @@ CODINGS: dict[str, type[Coding]] = {
 """Conversion by the name of a network."""
 
 
+def mean_of_scenes(
+    network: Acting, symmetry: Symmetry, tensors: Tensors, shape: Any, activation: str, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and log std of a network, averaged over equivalent scenes."""
+    mean, log_std = network(tensors, shape, activation, symmetry.rows(rows))
+    return symmetry.mean(mean), symmetry.spread(log_std)
+
+
 class TrainedPolicy:
     """A network that reads observations by parts, or images; the deterministic action is its mean.
 
@@ -67,18 +77,15 @@ class TrainedPolicy:
     def __init__(
         self, tensors: Mapping[str, np.ndarray], network: str, activation: str, coding: Coding, symmetric: bool = False
     ) -> None:
-        self.tensors, self.network, self.activation, self.coding = tensors, ACTING[network], activation, coding
-        self.symmetry = coding.symmetry if symmetric else None
+        self.tensors, self.activation, self.coding = tensors, activation, coding
+        act, symmetry = ACTING[network], coding.symmetry if symmetric else None
+        self.network = act if symmetry is None else partial(mean_of_scenes, act, symmetry)
         self.action, self.observation = coding.action, coding.observation
         self.generator = np.random.default_rng(0)  # of the exploration
 
     def outputs(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return mean and log std (worlds, parts, values) for rows (worlds, parts, columns)."""
-        symmetry = self.symmetry
-        if symmetry is None:
-            return self.network(self.tensors, self.coding.shape, self.activation, rows)
-        mean, log_std = self.network(self.tensors, self.coding.shape, self.activation, symmetry.rows(rows))
-        return symmetry.mean(mean), symmetry.spread(log_std)
+        return self.network(self.tensors, self.coding.shape, self.activation, rows)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
