@@ -3,11 +3,13 @@
 ``python -m agents range vibgym/policies/trained/shipped/*.json``
 
 Friction, size and mass of all parts are first varied alone, outwards from the parts of the policy's tasks, until episodes fail.
-Then scenes are drawn from inside all ranges at once, and from the frequencies that the file states. While these fail more often
-than they may, the range whose end has most of the failures is shortened by a tenth of the scenes (patient rule induction,
-Friedman and Fisher, "Bump hunting in high-dimensional data", Statistics and Computing 1999). The same is done with discs in
-place of the parts, which need not turn; if some parts of the task are discs, all parts have the same ranges. Scenes have the
-hardware of training, or both for an agent that serves any, the planar model and certified contacts.
+Then scenes are drawn from inside all ranges at once, and from the frequencies that the file states. While these fail more
+often than they may, the range whose end has most of the failures is shortened by a tenth of the scenes (patient rule
+induction, Friedman and Fisher, "Bump hunting in high-dimensional data", Statistics and Computing 1999). Scenes that succeed
+are followed by more scenes, which must succeed as well: the first of several rounds to succeed is likely a lucky one. The same
+is done with discs in place of the parts, which need not turn; if some parts of the task are discs, all parts have the same
+ranges. Scenes have the hardware of training, or both for an agent that serves any, the planar model and certified contacts.
+``--check COUNT`` plays other random scenes inside the stored ranges.
 """
 
 from __future__ import annotations
@@ -50,6 +52,12 @@ FACTORS = (1.15, 1.3, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0)
 
 EPISODES, SCENES, WORLDS = 60, 120, 3
 """Episodes of the parts of training and of each factor; random scenes, and episodes of each."""
+
+CONFIRMING = 5
+"""Times as many random scenes, with one episode each, confirm ranges."""
+
+CHECKING = 5_000
+"""First seed of ``--check``, after those of the measurement."""
 
 FLOWING = 6, 40, 1
 """The same where parts come and go: such an episode has hundreds of parts."""
@@ -198,9 +206,19 @@ class Range:
             ranges[name] = reached
         return ranges
 
-    def scenes(self, ranges: Ranges, generator: np.random.Generator) -> Iterator[Drawn]:
-        """Play random scenes with parts and frequencies in the ranges; yield those that the task accepts."""
-        for k in range(self.count):
+    def scenes(
+        self, ranges: Ranges, generator: np.random.Generator, count: int, worlds: int, first: int
+    ) -> Iterator[Drawn]:
+        """Play random scenes with parts and frequencies in the ranges; yield those that the task accepts.
+
+        Args:
+            ranges: of all parts.
+            generator: of the scenes.
+            count: number of scenes.
+            worlds: episodes of each.
+            first: seed of the first episode.
+        """
+        for k in range(count):
             factors, values = {}, []
             for name_of_kind, kind in self.kinds.items():
                 drawn = {name: float(np.exp(generator.uniform(*np.log(span)))) for name, span in ranges.items()}
@@ -210,7 +228,7 @@ class Range:
                 values.append(drawn)
             frequency = float(generator.uniform(*self.frequency))
             try:
-                outcome = self.measure(factors, self.worlds, self.episodes + self.worlds * k, frequency=frequency)
+                outcome = self.measure(factors, worlds, first + worlds * k, frequency=frequency)
             except checks.Refused:
                 continue
             yield Drawn({name: ends([drawn[name] for drawn in values]) for name in ranges}, outcome)
@@ -219,13 +237,20 @@ class Range:
         """Return ranges inside which random scenes do as well as they shall."""
         ranges, generator = self.alone(), np.random.default_rng(0)
         while True:
-            scenes = list(self.scenes(ranges, generator))
-            if scenes and np.concatenate([scene.outcome for scene in scenes]).mean() >= self.least:
-                return ranges
+            scenes = list(self.scenes(ranges, generator, self.count, self.worlds, first=self.episodes))
+            if self.suffice(scenes):
+                later = self.episodes + self.worlds * self.count
+                scenes = list(self.scenes(ranges, generator, CONFIRMING * self.count, 1, first=later))
+                if self.suffice(scenes):
+                    return ranges
             shorter = self.peeled(ranges, scenes)
             if shorter == ranges:
                 return {name: list(own) for name, own in self.own.items()}
             ranges = shorter
+
+    def suffice(self, scenes: Sequence[Drawn]) -> bool:
+        """Return whether random scenes do as well as they shall."""
+        return bool(scenes) and bool(outcomes(scenes).mean() >= self.least)
 
     def peeled(self, ranges: Ranges, scenes: Sequence[Drawn]) -> Ranges:
         """Return shorter ranges, in which fewer of the scenes fail; they contain the parts of the tasks."""
@@ -244,6 +269,11 @@ class Range:
             _, name, end, limit, kept = max(cuts, key=lambda cut: cut[:3])
             ranges[name][end] = limit
         return ranges
+
+
+def outcomes(scenes: Sequence[Drawn]) -> np.ndarray:
+    """Return the outcomes of all episodes of random scenes."""
+    return np.concatenate([scene.outcome for scene in scenes])
 
 
 def ends(values: Sequence[float]) -> tuple[float, float]:
@@ -282,6 +312,18 @@ def as_disc(part: Any) -> dict[str, Any]:
     return {**given, "shape": "disc", "radius": math.sqrt(own.area / math.pi)}
 
 
+def check(path: Path, count: int) -> None:
+    """Play random scenes inside the stored ranges of a policy file, and print how many episodes succeed."""
+    stored = load_set(path, KIND, VERSION)[1].get(RANGE) or {}
+    with tempfile.TemporaryDirectory() as folder:
+        agent = Range(path, Path(folder))
+        for kind, ranges in stored.items():
+            if ranges is not None:
+                of_kind = agent.with_discs() if kind == DISCS else agent
+                found = outcomes(list(of_kind.scenes(ranges, np.random.default_rng(CHECKING), count, 1, CHECKING)))
+                print(f"{path}: {kind}: {found.mean():.4g} of {len(found)} episodes, at least {agent.least:.4g} shall")
+
+
 def measured(path: Path) -> dict[str, Ranges | None]:
     """Return the ranges of a policy file, see :func:`vibgym.policies.trained.trained.check_range`."""
     with tempfile.TemporaryDirectory() as folder:
@@ -310,12 +352,18 @@ def store(path: Path) -> None:
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``range``."""
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="policy files, which get the ranges")
+    parser.add_argument(
+        "--check", type=int, metavar="COUNT", help="play random scenes inside the stored ranges instead"
+    )
 
 
 def command(args: argparse.Namespace) -> None:
-    """Measure the ranges of policy files and store them."""
+    """Measure the ranges of policy files and store them, or check those that they have."""
     for path in args.files:
-        store(path)
+        if args.check is None:
+            store(path)
+        else:
+            check(path, checks.count("--check", args.check))
 
 
 COMMANDS = {"range": Command(arguments, command)}

@@ -98,6 +98,20 @@ def test_ranges_end_where_episodes_fail():
     assert low <= 0.0628 and 0.0945 <= high < 6.0 * low
 
 
+def test_a_lucky_round_is_not_enough():
+    """All episodes of the first seeds succeed; the ranges end where those with other seeds fail."""
+
+    class Lucky(Known):
+        def measure(self, factors, episodes, first=0, **surface):
+            known = super().measure(factors, episodes, first, **surface)
+            return known if first >= served.EPISODES + served.SCENES * served.WORLDS else np.ones(episodes)
+
+    lucky = Lucky(["steel_block"])
+    assert lucky.alone()["friction"][1] > 2.0
+    ranges = lucky.together()
+    assert ranges["friction"][1] <= 0.9 * 1.05 and ranges["radius"][1] <= 0.06 * 1.05
+
+
 def test_an_agent_that_serves_its_own_parts_alone():
     class Own(Known):
         def measure(self, factors, episodes, first=0, **surface):
@@ -125,6 +139,13 @@ def test_the_command_stores_the_ranges_and_nothing_else(tmp_path, monkeypatch, c
     )
     assert after == before and "discs: friction" in capsys.readouterr().out
     assert main(["range", str(tmp_path / "none.json")]) == 2
+    before = path.read_bytes()
+    assert main(["range", str(path), "--check", "4"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert sorted(line.split(": ")[1] for line in lines) == ["discs", "parts"] and all(
+        "of 4 episodes" in line for line in lines
+    )
+    assert path.read_bytes() == before and main(["range", str(path), "--check", "0"]) == 2
 
 
 @pytest.mark.full
@@ -182,7 +203,8 @@ def test_agents_succeed_in_random_scenes_inside_their_ranges(name, tmp_path):
     whole = Range(SHIPPED / f"{name}.json", tmp_path)
     for agent, ranges in ((whole, stated["parts"]), (whole.with_discs(), stated["discs"])):
         if ranges is not None:
-            rate = np.concatenate([scene.outcome for scene in agent.scenes(ranges, np.random.default_rng(FRESH))])
+            scenes = agent.scenes(ranges, np.random.default_rng(FRESH), 200, 1, served.CHECKING + 2000)
+            rate = served.outcomes(list(scenes))
             assert len(rate) > 100 and rate.mean() >= 0.92 * min(1.0, agent.least / served.SUCCESS)
 
 
