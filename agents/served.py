@@ -39,11 +39,12 @@ from vibgym.policies.trained.trained import ANY, DISCS, FREQUENCY, KIND, PARTS, 
 from vibgym.registration import ENVIRONMENTS
 from vibgym.scene.library import SPLITS, shapes
 from vibgym.scene.parts import part_from
+from vibgym.seeds import RANGES as SEEDS
 from vibgym.tasks import TASKS
 
 SUCCESS = 0.98
 """Share of the episodes inside the ranges that shall succeed, or that of the parts of training if it is smaller: 97 %, and what
-600 episodes leave to chance."""
+a few hundred episodes leave to chance."""
 
 RATE_SHARE = 0.9
 """Of the good parts per minute with the parts of training, where parts come and go: fewer are a failure."""
@@ -54,14 +55,11 @@ FACTORS = (1.15, 1.3, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0)
 EPISODES, SCENES, WORLDS = 60, 120, 3
 """Episodes of the parts of training and of each factor; random scenes, and episodes of each."""
 
-CONFIRMING = 5
-"""Times as many random scenes, with one episode each, confirm ranges."""
-
-CHECKING = 5_000
-"""First seed of ``--check``, after those of the measurement."""
-
 FLOWING = 6, 40, 1
 """The same where parts come and go: such an episode has hundreds of parts."""
+
+CONFIRMING = 5
+"""Times as many random scenes, with one episode each, confirm ranges."""
 
 SLOWEST = 3.0
 """Of several parts: longest time to the goal, over that of the parts of training (99 % of the episodes); a jam would last to
@@ -75,6 +73,9 @@ PROTOTYPE: dict[str, Any] = {"actuators": "prototype", "sensor": {"kind": "pose"
 
 FIRST_SEED = 220_000
 """In the range "evaluation" of :mod:`vibgym.seeds`."""
+
+CHECKING = 5_000
+"""Added to it for the first episode of ``--check``, after those of the measurement."""
 
 Ranges = dict[str, list[float]]
 """Lowest and highest value by property."""
@@ -111,6 +112,7 @@ class Range:
         task: of training.
         own: {property: (lowest, highest)} of the parts of all its tasks, of properties that are varied.
         fixed: the same of those that are not.
+        flows: whether parts come and go.
         least: smallest measure (success rate, or good parts a minute) of a policy that serves.
 
     Raises:
@@ -134,11 +136,11 @@ class Range:
         fixed = RANGES[1:] if "split" in self.scene else ()  # drawn shapes have the sizes of their library
         self.own = {name: span for name, span in own.items() if name not in fixed}
         self.fixed = {name: list(span) for name, span in own.items() if name in fixed}
-        flows = TASKS[ENVIRONMENTS[self.task][1]["task"]].continuous_feed  # no success, but good parts a minute
-        self.episodes, self.count, self.worlds = FLOWING if flows else (EPISODES, SCENES, WORLDS)
+        self.flows = TASKS[ENVIRONMENTS[self.task][1]["task"]].continuous_feed  # no success, but good parts a minute
+        self.episodes, self.count, self.worlds = FLOWING if self.flows else (EPISODES, SCENES, WORLDS)
         usual, steps = self.play({}, self.episodes)
-        self.least = RATE_SHARE * usual.mean() if flows else min(SUCCESS, usual.mean())
-        if not flows and len(self.parts) > 1 and usual.any():
+        self.least = RATE_SHARE * usual.mean() if self.flows else min(SUCCESS, usual.mean())
+        if not self.flows and len(self.parts) > 1 and usual.any():
             self.scene["max_episode_steps"] = math.ceil(SLOWEST * np.quantile(steps[usual > 0.0], 0.99))
 
     def _ends(self, parts: Sequence[Part]) -> dict[str, tuple[float, float]]:
@@ -217,7 +219,7 @@ class Range:
             generator: of the scenes.
             count: number of scenes.
             worlds: episodes of each.
-            first: seed of the first episode.
+            first: added to :data:`FIRST_SEED` for the first episode.
         """
         for k in range(count):
             factors, values = {}, []
@@ -314,15 +316,25 @@ def as_disc(part: Any) -> dict[str, Any]:
 
 
 def check(path: Path, count: int) -> None:
-    """Play random scenes inside the stored ranges of a policy file, and print how many episodes succeed."""
-    stored = load_set(path, KIND, VERSION)[1].get(RANGE) or {}
+    """Play random scenes inside the stored ranges of a policy file, and print how they did.
+
+    Raises:
+        ValueError: the file has no ranges, or no policy file.
+    """
+    stored = load_set(path, KIND, VERSION)[1].get(RANGE)
+    if not stored:
+        raise checks.conflict(f"{path}: there are no ranges to check; python -m agents range {path} measures them")
     with tempfile.TemporaryDirectory() as folder:
         agent = Range(path, Path(folder))
+        unit = "good parts a minute" if agent.flows else "of the episodes succeed"
         for kind, ranges in stored.items():
-            if ranges is not None:
-                of_kind = agent.with_discs() if kind == DISCS else agent
-                found = outcomes(list(of_kind.scenes(ranges, np.random.default_rng(CHECKING), count, 1, CHECKING)))
-                print(f"{path}: {kind}: {found.mean():.4g} of {len(found)} episodes, at least {agent.least:.4g} shall")
+            if ranges is None:
+                print(f"{path}: {kind}: not served")
+                continue
+            of_kind = agent.with_discs() if kind == DISCS else agent
+            scenes = list(of_kind.scenes(ranges, np.random.default_rng(CHECKING), count, 1, CHECKING))
+            mean = f"{outcomes(scenes).mean():.4g} {unit}, {agent.least:.4g} shall; " if scenes else ""
+            print(f"{path}: {kind}: {mean}{len(scenes)} scenes, {count - len(scenes)} refused by the task")
 
 
 def measured(path: Path) -> dict[str, Ranges | None]:
@@ -360,11 +372,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(args: argparse.Namespace) -> None:
     """Measure the ranges of policy files and store them, or check those that they have."""
+    if args.check is not None:
+        checks.count("--check", args.check, most=SEEDS["evaluation"].stop - FIRST_SEED - CHECKING)
     for path in args.files:
         if args.check is None:
             store(path)
         else:
-            check(path, checks.count("--check", args.check))
+            check(path, args.check)
 
 
 COMMANDS = {"range": Command(arguments, command)}

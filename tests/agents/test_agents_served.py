@@ -143,9 +143,13 @@ def test_the_command_stores_the_ranges_and_nothing_else(tmp_path, monkeypatch, c
     assert main(["range", str(path), "--check", "4"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert sorted(line.split(": ")[1] for line in lines) == ["discs", "parts"] and all(
-        "of 4 episodes" in line for line in lines
+        "of the episodes succeed" in line and "; 4 scenes, 0 refused" in line for line in lines
     )
-    assert path.read_bytes() == before and main(["range", str(path), "--check", "0"]) == 2
+    assert path.read_bytes() == before
+    assert main(["range", str(path), "--check", "0"]) == main(["range", str(path), "--check", "75001"]) == 2
+    record = json.loads(path.read_text())
+    path.write_text(json.dumps({name: value for name, value in record.items() if name != "range"}))
+    assert main(["range", str(path), "--check", "4"]) == 2
 
 
 @pytest.mark.full
