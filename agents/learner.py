@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -220,16 +219,14 @@ def served(surface: Surface, serves: ServesSettings) -> dict[str, Any]:
 
 def _form(policy: TrainedPolicy) -> dict[str, Any]:
     """Return what the meaning of a policy's tensors depends on, by setting."""
-    coding, network = policy.coding, policy.network
-    if isinstance(network, partial):  # the mean over equivalent scenes does not change the meaning
-        network = network.args[0]
+    coding = policy.coding
     return {
         "action": policy.action,
         "columns": coding.columns,
         "ppo.turned": coding.turned,
         "ppo.history": coding.history,
         "ppo.history_columns": coding.history_columns,
-        "ppo.network": network,
+        "ppo.network": policy.network,
         "ppo.activation": policy.activation,
         "layers": {name: tensor.shape for name, tensor in policy.tensors.items() if name != FLOOR},
     }

@@ -77,15 +77,15 @@ class TrainedPolicy:
     def __init__(
         self, tensors: Mapping[str, np.ndarray], network: str, activation: str, coding: Coding, symmetric: bool = False
     ) -> None:
-        self.tensors, self.activation, self.coding = tensors, activation, coding
+        self.tensors, self.network, self.activation, self.coding = tensors, network, activation, coding
         act, symmetry = ACTING[network], coding.symmetry if symmetric else None
-        self.network = act if symmetry is None else partial(mean_of_scenes, act, symmetry)
+        self._act = act if symmetry is None else partial(mean_of_scenes, act, symmetry)
         self.action, self.observation = coding.action, coding.observation
         self.generator = np.random.default_rng(0)  # of the exploration
 
     def outputs(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return mean and log std (worlds, parts, values) for rows (worlds, parts, columns)."""
-        return self.network(self.tensors, self.coding.shape, self.activation, rows)
+        return self._act(self.tensors, self.coding.shape, self.activation, rows)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
