@@ -89,7 +89,7 @@ class PartsLearner:
     def acting(self) -> TrainedPolicy:
         """Return the present policy in NumPy."""
         policy = self.policy
-        return TrainedPolicy(self.actor(), policy.actor.kind, self.network.activation, policy.coding, policy.symmetric)
+        return TrainedPolicy(self.actor(), self.network.network, self.network.activation, policy.coding, policy.symmetric)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True

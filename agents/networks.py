@@ -163,7 +163,6 @@ class PartsActor(nn.Module):
         symmetry: averages over equivalent scenes; None: no average.
     """
 
-    kind: str = "parts"
     encoder: Callable[..., Any] = RowEncoder
     symmetry: Symmetry | None = None
 
@@ -247,8 +246,6 @@ class ElementsActor(nn.Module):
     Args: see :class:`PartsActor`.
     """
 
-    kind = "elements"
-
     def __init__(self, shape: Shape, net: list[int], activation: str, attention: int, log_std: float) -> None:
         super().__init__()
         self.shape = shape
@@ -325,7 +322,7 @@ class PixelEncoder(nn.Module):
 class PixelsActor(PartsActor):
     """Mean and logarithmic standard deviation of the part's action; see the module."""
 
-    kind, encoder = "pixels", PixelEncoder
+    encoder = PixelEncoder
 
 
 class PixelsCritic(PartsCritic):

@@ -207,7 +207,7 @@ def test_a_user_registered_network_is_trained(tmp_path, monkeypatch):
         monkeypatch.delitem(names, "mine", raising=False)
 
     class Mine(PartsActor):
-        kind = "mine"
+        """A network of the user's."""
 
     networks.register_network("mine", Mine, PartsCritic, ACTING["parts"])
     path = trained(tmp_path, ppo={**PPO, "network": "mine"}, steps=128)
