@@ -104,8 +104,13 @@ class PPO(PartsLearner):
         multiplier that follows the excess (Ray, Achiam & Amodei 2019, "Benchmarking safe exploration in deep reinforcement
         learning")."""
 
-        multiplier_rate: float = Field(default=0.05, gt=0, le=100)
+        multiplier_rate: float = Field(default=0.05, ge=0, le=100)
         """Change of the multiplier in an update, times the excess."""
+
+        multiplier_gain: float = Field(default=0.0, ge=0, le=1000)
+        """Part of the multiplier that follows the excess at once, times the excess. Without it a multiplier that rises fast
+        overshoots, since costs fall slowly (Stooke, Achiam & Abbeel 2020, "Responsive safety in reinforcement learning by PID
+        Lagrangian methods")."""
 
         standardized: bool = False
         """Standardize rows by means and standard deviations of the first rollout after half of ``critic_steps``, since
@@ -171,7 +176,7 @@ class PPO(PartsLearner):
         if own.averaging:
             average = get_ema_multi_avg_fn(own.averaging)
             self.averaged = AveragedModel(self.policy.actor, multi_avg_fn=average, use_buffers=True)
-        self.multiplier = 0.0  # of costs
+        self.multiplier = self.accumulated = 0.0  # of costs; its part that accumulates
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
         # Steps of imitation count, but do not train the critic.
         self.critic_steps = own.critic_steps
@@ -289,13 +294,15 @@ class PPO(PartsLearner):
     def _adapt_multiplier(self) -> None:
         """Raise the multiplier of costs while the mean cost of the last episodes exceeds the limit, lower it below.
 
-        The change is ``multiplier_rate`` times the relative excess, at most 1 in magnitude.
+        Its parts change by ``multiplier_rate`` times, and are ``multiplier_gain`` times, the relative excess, at most 1 in
+        magnitude.
         """
         limit, episodes = self.own.cost_limit, self.worlds.episodes
         if limit is not None and episodes and self.steps > self.critic_steps:
             mean = float(np.mean([cost for *_, cost in episodes]))
             excess = min(max((mean - limit) / max(limit, 1e-9), -1.0), 1.0)
-            self.multiplier = max(self.multiplier + self.own.multiplier_rate * excess, 0.0)
+            self.accumulated = max(self.accumulated + self.own.multiplier_rate * excess, 0.0)
+            self.multiplier = max(self.accumulated + self.own.multiplier_gain * excess, 0.0)
 
     def _set_rate(self, rate: float) -> None:
         for group in self.optimizer.param_groups:
@@ -332,11 +339,12 @@ class PPO(PartsLearner):
             **super().get_state(),
             "pace": self.pace,
             "multiplier": self.multiplier,
+            "accumulated": self.accumulated,
             "worlds": self.worlds.get_state(),
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what :meth:`get_state` returned."""
         super().set_state(state)
-        self.pace, self.multiplier = state["pace"], state["multiplier"]
+        self.pace, self.multiplier, self.accumulated = (state[name] for name in ("pace", "multiplier", "accumulated"))
         self.worlds.set_state(state["worlds"])

@@ -162,14 +162,23 @@ COSTLY = {
 }  # fmt: skip
 
 
-def learner(limit):
-    own = {"n_steps": 8, "batch_size": 64, "cost_limit": limit, "multiplier_rate": 0.5}
+def learner(limit, **own):
+    own = {"n_steps": 8, "batch_size": 64, "cost_limit": limit, "multiplier_rate": 0.5, **own}
     return PPO(settings_from({**COSTLY, "ppo": own}))
 
 
-@pytest.mark.parametrize("limit, multiplier", [(1e-4, 1.5), (1e4, 0.0)])
-def test_the_multiplier_follows_the_excess(limit, multiplier):
-    costly = learner(limit)
+@pytest.mark.parametrize(
+    "limit, own, multiplier",
+    [
+        (1e-4, {}, 1.5),
+        (1e4, {}, 0.0),
+        (1e-4, {"multiplier_rate": 0.0, "multiplier_gain": 2.0}, 2.0),
+        (1e-4, {"multiplier_gain": 2.0}, 3.5),
+        (1e4, {"multiplier_gain": 2.0}, 0.0),
+    ],
+)
+def test_the_multiplier_follows_the_excess(limit, own, multiplier):
+    costly = learner(limit, **own)
     costly.learn(96, lambda metrics: None)  # three updates; episodes end after eight steps
     assert costly.multiplier == pytest.approx(multiplier) and costly.env.part_cost.shape == (4, 2)
     costly.close()
