@@ -88,8 +88,8 @@ class PartsLearner:
 
     def acting(self) -> TrainedPolicy:
         """Return the present policy in NumPy."""
-        policy = self.policy
-        return TrainedPolicy(self.actor(), self.network.network, self.network.activation, policy.coding, policy.symmetric)
+        policy, own = self.policy, self.network
+        return TrainedPolicy(self.actor(), own.network, own.activation, policy.coding, policy.symmetric)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
