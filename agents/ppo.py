@@ -132,6 +132,8 @@ class PPO(PartsLearner):
             for name in ("touch_cost", "shared"):
                 if self.network == "joint" and getattr(self, name):
                     raise checks.conflict(f"{name} requires rows of parts, and network 'joint' has one row for all")
+            if self.cost_limit is not None and not (self.multiplier_rate or self.multiplier_gain):
+                raise checks.conflict("cost_limit requires multiplier_rate or multiplier_gain")
             if self.standardized and self.network != "joint":
                 raise checks.conflict(f"standardized requires network 'joint', got {self.network!r}")
             if self.noise_floor is not None and self.network != "parts":

@@ -209,9 +209,15 @@ def test_a_user_registered_network_is_trained(tmp_path, monkeypatch):
     class Mine(PartsActor):
         """A network of the user's."""
 
-    networks.register_network("mine", Mine, PartsCritic, ACTING["parts"])
+    used = []
+
+    def acting(*arguments):
+        used.append(True)
+        return ACTING["parts"](*arguments)
+
+    networks.register_network("mine", Mine, PartsCritic, acting)
     path = trained(tmp_path, ppo={**PPO, "network": "mine"}, steps=128)
-    assert json.loads(path.read_text())["network"] == "mine"
+    assert json.loads(path.read_text())["network"] == "mine" and used
 
 
 class Counting:

@@ -184,6 +184,11 @@ def test_the_multiplier_follows_the_excess(limit, own, multiplier):
     costly.close()
 
 
+def test_a_limit_requires_a_multiplier():
+    with pytest.raises(ValueError, match="multiplier_gain"):
+        learner(1.0, multiplier_rate=0.0)
+
+
 def test_costs_are_subtracted_from_the_rewards_with_the_multiplier():
     plain, costly = learner(None), learner(1e-4)
     costly.multiplier = 3.0
