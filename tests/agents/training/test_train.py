@@ -216,7 +216,7 @@ def test_a_user_registered_network_is_trained(tmp_path, monkeypatch):
         return ACTING["parts"](*arguments)
 
     networks.register_network("mine", Mine, PartsCritic, acting)
-    path = trained(tmp_path, ppo={**PPO, "network": "mine"}, steps=128)
+    path = trained(tmp_path, ppo={**PPO, "network": "mine"}, steps=128, selection={"episodes": 2, "every": 64})
     assert json.loads(path.read_text())["network"] == "mine" and used
 
 
