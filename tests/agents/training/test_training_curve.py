@@ -83,6 +83,20 @@ def test_episodes_are_divided_among_scenes(tmp_path):
     ]  # fmt: skip
 
 
+def test_selection_may_add_scenes_that_training_does_not_have(tmp_path):
+    selection = {**SETTINGS["selection"], "scenes": [{}, {"actuators": "prototype", "max_episode_steps": 15}]}
+    row = curve_in(tmp_path, selection=selection).measure(Straight(), 10, 1.0, "ppo")
+    common = {"action": "wrench", "max_episode_steps": 20, "observation": "parts", "autoreset_mode": "Disabled"}
+    returns = []
+    for own, seeds in (({}, range(400_070, 400_073)), (selection["scenes"][1], range(400_073, 400_075))):
+        env = batch("Transport", len(seeds), **{**common, **own})
+        returns += list(run(Straight(), env, seeds, "Transport").returns)
+    assert row["return_"] == pytest.approx(np.median(returns), abs=1e-4) and len(set(returns)) == 5
+    assert row["mean_time"] == pytest.approx((3 * 20 + 2 * 15) / 5 * env.step_time)
+    settings = settings_from({**SETTINGS, "selection": selection})
+    assert without_hold(settings) == [SETTINGS["environment"]]  # that of training
+
+
 def test_own_tasks_are_evaluated_where_episodes_end(tmp_path, monkeypatch):
     entry = {"entry_point": "vibgym.envs:VibgymEnv", "vector_entry_point": "vibgym.envs:VibgymVectorEnv"}
     spec = gym.envs.registration.EnvSpec("mine/Align-v0", kwargs={"task": "Align"}, **entry)
