@@ -28,7 +28,7 @@ CONFIG ?= configs/agents/ppo.yaml
 AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
 # Those of the open tasks, each after the one it starts from; none if AGENTS is given.
 OPEN ?= $(if $(filter file,$(origin AGENTS)),Swap/taught Swap/first Swap/second Swap/third Swap/ideal SwapCrowded/taught SwapCrowded/first SwapCrowded/second SwapCrowded/third \
-	SwapCrowded/ideal PackFull/taught PackFull/first PackFull/second PackFull/third PackFull/fourth PackFull/fifth PackFull/ideal FeedHeaps/ideal Feed/ideal \
+	SwapCrowded/ideal PackFull/taught PackFull/first PackFull/second PackFull/third PackFull/fourth PackFull/ideal FeedHeaps/ideal Feed/ideal \
 	Pack/taught Pack/first Pack/ideal Pack/prototype Push/joint)
 SEEDS ?= 0 1 2
 OPEN_SEEDS ?= 1 2 3
