@@ -169,9 +169,9 @@ def test_a_policy_takes_over_when_the_other_fails_later():
     assert result.success.all() and (result.steps <= rollout(law, "Align", seeds=SEEDS).steps).all()
 
 
-@pytest.mark.parametrize("task, policies", [
+@pytest.mark.parametrize("task, policies", [  # of similar speed: beside a much faster one the choice has little to gain
     ("Push", [{"kind": "push", "action": "wrench"}, {"kind": "push", "action": "wrench", "travel": 0.3}]),
-    ("PackFull", ["learned", {"kind": "two_phases", "action": "velocity"}]),
+    ("PackFull", [{"kind": "two_phases", "action": "velocity"}, {"kind": "two_phases", "action": "velocity", "soft": 1.0}]),
 ])  # fmt: skip
 def test_it_is_faster_than_its_policies(task, policies):
     seeds = SEEDS if task == "Push" else SEEDS[:4]
