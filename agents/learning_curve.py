@@ -121,8 +121,7 @@ class LearningCurve:
             raise checks.conflict(f"selection requires a task with a step limit, got {settings.task!r}")
         if self.selection.cost_limit is not None and {**spec.kwargs, **settings.environment}.get("costs") is None:
             raise checks.conflict("selection.cost_limit requires environment.costs")
-        added = self.selection.scenes or ({},)
-        scenes = [{**scene, **own} for scene in evaluation_environments(settings) for own in added]
+        scenes = evaluation_environments(settings)
         shares = np.array_split(np.arange(self.selection.episodes), len(scenes))
         self._scenes = [
             ({**scene, "num_envs": len(share), "autoreset_mode": "Disabled"}, int(share[0]))

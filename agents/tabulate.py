@@ -53,6 +53,7 @@ def tabulate(
     output: Path,
     page: Path | None = None,
     ship: Path | None = None,
+    choose: int | None = None,
 ) -> list[dict[str, Any]]:
     """Play all seeds of agents, write their table, and ship the best seed of each, with the parts that it serves.
 
@@ -67,13 +68,18 @@ def tabulate(
         output: directory of ``agents.csv``, in which rows of other agents are kept, ``curves/`` and ``policies/``.
         page: Markdown file of the whole table, or None.
         ship: directory for the policies of the best seeds, ``align.json``, ``align-prototype.json`` and so on, or None.
+        choose: seed to ship instead of the best.
 
     Raises:
-        ValueError: a policy is missing or does not load, or too many episodes; nothing is written.
+        ValueError: a policy is missing or does not load, too many episodes, or a chosen seed that is not one of ``seeds``;
+            nothing is written.
     """
+    if choose is not None and choose not in seeds:
+        raise checks.refuse("--choose", choose, f"one of the seeds {', '.join(map(str, seeds))}")
     checks.count("--episodes", episodes, most=RANGES["evaluation"].stop - FIRST_SEED)
     new = pd.DataFrame([_row(name, load_settings(config, name, seed), episodes) for name in names for seed in seeds])
-    best = new.sort_values(["selection", "seed"]).groupby("agent", sort=False).head(1).index
+    eligible = new if choose is None else new[new["seed"] == choose]
+    best = eligible.sort_values(["selection", "seed"]).groupby("agent", sort=False).head(1).index
     new["shipped"] = new.index.isin(best) & (ship is not None)
     files: dict[Path, str | bytes] = {}
     for row in new.to_dict("records"):
@@ -119,7 +125,8 @@ INTRODUCTION = """\
 
 Written by `python -m agents tabulate`: every training seed on fresh episodes, with a 95 % interval; times are
 medians, with the hold of 0.4 s, the bound is the lower bound of [bound.md](bound.md). Shipped is the seed that did
-best on the episodes of its own learning curve, not on these. What was trained on what: `results/agents.csv`.
+best on the episodes of its own learning curve, not on these, or one that `--choose` names (SwapCrowded:
+[why](learning.md#open-tasks)). What was trained on what: `results/agents.csv`.
 Steps and minutes are those of the last run; one with `start` in its settings continues from another agent.
 Where parts come and go there is no success; *faulty* is the share of parts that leave otherwise than they should.
 Contacts are certified; in parentheses the same with the fast contacts of agents that were trained with them.
@@ -250,6 +257,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--episodes", type=int, default=500, metavar="N", help="of each policy")
     parser.add_argument("--page", type=Path, metavar="FILE", help="the whole table in Markdown")
     parser.add_argument("--ship", type=Path, metavar="DIR", help="directory for the best seeds' policies")
+    parser.add_argument("--choose", type=int, metavar="SEED", help="ship this seed instead of the best")
 
 
 def command(args: argparse.Namespace) -> None:
@@ -258,7 +266,7 @@ def command(args: argparse.Namespace) -> None:
     for name in args.agent or ():
         checks.choice("--agent", name, tuple(known))
     names, output = args.agent or list(known), args.output or Path("runs/agents")
-    for row in tabulate(args.config, names, args.seeds, args.episodes, output, args.page, args.ship):
+    for row in tabulate(args.config, names, args.seeds, args.episodes, output, args.page, args.ship, args.choose):
         time = row["time_to_goal_median_s"]
         print(f"{row['agent']} seed {row['seed']}: success {100 * row['success']:.1f} %, median {time:.2f} s")
 

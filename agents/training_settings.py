@@ -190,10 +190,6 @@ class SelectionSettings(BaseSettings):
     cost_limit: float | None = Field(default=None, ge=0)
     """That 95 % of the episodes shall not exceed; comes before ``best``."""
 
-    scenes: tuple[Scene, ...] = Field(default=(), max_length=100)
-    """Arguments that are added to those of each scene of training, among which the episodes are divided: ``[{}, {"actuators":
-    "prototype"}]`` plays half of them on the prototype."""
-
 
 class ServesSettings(BaseSettings):
     """Scenes that the policy file accepts in addition to the one of training."""

@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from agents import served
 from agents.learning_curve import COLUMNS, RATE, LearningCurve, evaluation_environments, rank, read_curve, without_hold
 from agents.ppo import PPO
 from agents.tabulate import FIRST_SEED, tabulate
@@ -83,20 +84,6 @@ def test_episodes_are_divided_among_scenes(tmp_path):
     ]  # fmt: skip
 
 
-def test_selection_may_add_scenes_that_training_does_not_have(tmp_path):
-    selection = {**SETTINGS["selection"], "scenes": [{}, {"actuators": "prototype", "max_episode_steps": 15}]}
-    row = curve_in(tmp_path, selection=selection).measure(Straight(), 10, 1.0, "ppo")
-    common = {"action": "wrench", "max_episode_steps": 20, "observation": "parts", "autoreset_mode": "Disabled"}
-    returns = []
-    for own, seeds in (({}, range(400_070, 400_073)), (selection["scenes"][1], range(400_073, 400_075))):
-        env = batch("Transport", len(seeds), **{**common, **own})
-        returns += list(run(Straight(), env, seeds, "Transport").returns)
-    assert row["return_"] == pytest.approx(np.median(returns), abs=1e-4) and len(set(returns)) == 5
-    assert row["mean_time"] == pytest.approx((3 * 20 + 2 * 15) / 5 * env.step_time)
-    settings = settings_from({**SETTINGS, "selection": selection})
-    assert without_hold(settings) == [SETTINGS["environment"]]  # that of training
-
-
 def test_own_tasks_are_evaluated_where_episodes_end(tmp_path, monkeypatch):
     entry = {"entry_point": "vibgym.envs:VibgymEnv", "vector_entry_point": "vibgym.envs:VibgymVectorEnv"}
     spec = gym.envs.registration.EnvSpec("mine/Align-v0", kwargs={"task": "Align"}, **entry)
@@ -142,7 +129,7 @@ def test_training_with_fast_contacts_is_evaluated_with_certified_ones():
     assert [arguments["model"]["contacts"] for arguments in without_hold(settings)] == ["fast", "fast"]
 
 
-def test_the_table_has_both_contacts(tmp_path):
+def test_the_table_has_both_contacts_and_ships_the_best_seed_or_a_chosen_one(tmp_path, monkeypatch):
     path, page = tmp_path / "many.yaml", tmp_path / "agents.md"
     path.write_text(f"""
 vibgym/SortCrowded-v0:
@@ -165,6 +152,12 @@ vibgym/SortCrowded-v0:
     assert f"{100 * row['success']:.1f} % ({100 * row['success_fast_contacts']:.1f} %)" in page.read_text()
     assert rows_of(tmp_path / "agents.csv")[0]["success_fast_contacts"] == str(row["success_fast_contacts"])
     assert rows_of(tmp_path / "curves" / "sortcrowded-fast-seed-0.csv") == rows_of(tmp_path / "run" / "curve.csv")
+    monkeypatch.setattr(served, "store", lambda path: None)
+    for choose, shipped in ((None, [True, False]), (1, [False, True])):  # both seeds have the same run here
+        rows = tabulate(path, ["SortCrowded/fast"], [0, 1], 1, tmp_path, ship=tmp_path / "shipped", choose=choose)
+        assert [row["shipped"] for row in rows] == shipped and (tmp_path / "shipped" / "sortcrowded-fast.json").exists()
+    with pytest.raises(ValueError, match="--choose must be one of the seeds 0, got 1"):
+        tabulate(path, ["SortCrowded/fast"], [0], 1, tmp_path, choose=1)
 
 
 # -- costs -------------------------------------------------------------------------------------------------------------
