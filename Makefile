@@ -27,8 +27,8 @@ LEARNERS := $(addprefix $(VENV)-,$(addsuffix /.installed,benchmarl cleanrl lerob
 CONFIG ?= configs/agents/ppo.yaml
 AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
 # Those of the open tasks, each after the one it starts from; none if AGENTS is given.
-OPEN ?= $(if $(filter file,$(origin AGENTS)),Swap/taught Swap/first Swap/second Swap/third Swap/ideal SwapCrowded/taught SwapCrowded/first SwapCrowded/second SwapCrowded/third \
-	SwapCrowded/ideal PackFull/taught PackFull/first PackFull/second PackFull/third PackFull/fourth PackFull/ideal FeedHeaps/ideal Feed/ideal \
+OPEN ?= $(if $(filter file,$(origin AGENTS)),Swap/taught Swap/first Swap/second Swap/third Swap/ideal SwapCrowded/ideal \
+	PackFull/taught PackFull/first PackFull/second PackFull/third PackFull/fourth PackFull/ideal FeedHeaps/ideal Feed/ideal \
 	Pack/taught Pack/first Pack/ideal Pack/prototype Push/joint)
 SEEDS ?= 0 1 2
 OPEN_SEEDS ?= 1 2 3
@@ -218,7 +218,7 @@ benchmark: $(DEV) $(PEERS)
 # Takes hours: three seeds of every agent, then their table and the best of each. AGENTS="Align/ideal" trains some of them.
 define train
 @for agent in $(2); do for seed in $(3); do $(PY) -m agents train $(1) --agent $$agent --seed $$seed || exit; done; done; \
-	$(PY) -m agents tabulate $(1) $(patsubst %,--agent %,$(filter-out %/taught %/first %/second %/third %/fourth %/fifth %/tuned,$(2))) --seeds $(3) \
+	$(PY) -m agents tabulate $(1) $(patsubst %,--agent %,$(filter-out %/taught %/first %/second %/third %/fourth %/tuned,$(2))) --seeds $(3) \
 	--output results --ship vibgym/policies/trained/shipped --page docs/agents.md
 endef
 train: $(LEARN)
