@@ -78,8 +78,8 @@ def tabulate(
         raise checks.refuse("--choose", choose, f"one of the seeds {', '.join(map(str, seeds))}")
     checks.count("--episodes", episodes, most=RANGES["evaluation"].stop - FIRST_SEED)
     new = pd.DataFrame([_row(name, load_settings(config, name, seed), episodes) for name in names for seed in seeds])
-    eligible = new if choose is None else new[new["seed"] == choose]
-    best = eligible.sort_values(["selection", "seed"]).groupby("agent", sort=False).head(1).index
+    ranked = new.assign(other=new["seed"] != choose).sort_values(["other", "selection", "seed"])
+    best = ranked.groupby("agent", sort=False).head(1).index
     new["shipped"] = new.index.isin(best) & (ship is not None)
     files: dict[Path, str | bytes] = {}
     for row in new.to_dict("records"):
