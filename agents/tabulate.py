@@ -71,11 +71,13 @@ def tabulate(
         choose: seed to ship instead of the best.
 
     Raises:
-        ValueError: a policy is missing or does not load, too many episodes, or a chosen seed that is not one of ``seeds``;
-            nothing is written.
+        ValueError: a policy is missing or does not load, too many episodes, or a chosen seed that is not one of ``seeds``
+            or without ``ship``; nothing is written.
     """
     if choose is not None and choose not in seeds:
         raise checks.refuse("--choose", choose, f"one of the seeds {', '.join(map(str, seeds))}")
+    if choose is not None and ship is None:
+        raise checks.conflict("--choose requires --ship")
     checks.count("--episodes", episodes, most=RANGES["evaluation"].stop - FIRST_SEED)
     new = pd.DataFrame([_row(name, load_settings(config, name, seed), episodes) for name in names for seed in seeds])
     ranked = new.assign(other=new["seed"] != choose).sort_values(["other", "selection", "seed"])
@@ -125,8 +127,8 @@ INTRODUCTION = """\
 
 Written by `python -m agents tabulate`: every training seed on fresh episodes, with a 95 % interval; times are
 medians, with the hold of 0.4 s, the bound is the lower bound of [bound.md](bound.md). Shipped is the seed that did
-best on the episodes of its own learning curve, not on these, or one that `--choose` names (SwapCrowded:
-[why](learning.md#open-tasks)). What was trained on what: `results/agents.csv`.
+best on the episodes of its own learning curve, not on these, unless `--choose` named another ([learning](learning.md)).
+What was trained on what: `results/agents.csv`.
 Steps and minutes are those of the last run; one with `start` in its settings continues from another agent.
 Where parts come and go there is no success; *faulty* is the share of parts that leave otherwise than they should.
 Contacts are certified; in parentheses the same with the fast contacts of agents that were trained with them.

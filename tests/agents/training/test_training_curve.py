@@ -157,7 +157,9 @@ vibgym/SortCrowded-v0:
         rows = tabulate(path, ["SortCrowded/fast"], [0, 1], 1, tmp_path, ship=tmp_path / "shipped", choose=choose)
         assert [row["shipped"] for row in rows] == shipped and (tmp_path / "shipped" / "sortcrowded-fast.json").exists()
     with pytest.raises(ValueError, match="--choose must be one of the seeds 0, got 1"):
-        tabulate(path, ["SortCrowded/fast"], [0], 1, tmp_path, choose=1)
+        tabulate(path, ["SortCrowded/fast"], [0], 1, tmp_path, ship=tmp_path / "shipped", choose=1)
+    with pytest.raises(ValueError, match="--choose requires --ship"):
+        tabulate(path, ["SortCrowded/fast"], [0], 1, tmp_path, choose=0)
 
 
 # -- costs -------------------------------------------------------------------------------------------------------------
